@@ -1,0 +1,25 @@
+"""The files at the border: read strictly, written whole, refused in one line."""
+
+from dlolib.formats.capture import read_capture_index, write_capture_index, write_capture_json
+from dlolib.formats.fit import read_fit, write_fit
+from dlolib.formats.geometry import nearest_distance, signed_distance
+from dlolib.formats.layout import read_layout, write_layout
+from dlolib.formats.motion import interpolate_motion, read_motion, write_motion
+from dlolib.formats.recording import read_recording, write_recording
+
+__all__ = [
+    "interpolate_motion",
+    "nearest_distance",
+    "read_capture_index",
+    "read_fit",
+    "read_layout",
+    "read_motion",
+    "read_recording",
+    "signed_distance",
+    "write_capture_index",
+    "write_capture_json",
+    "write_fit",
+    "write_layout",
+    "write_motion",
+    "write_recording",
+]

@@ -1,0 +1,17 @@
+"""From recordings to a rope's stiffness, with intervals."""
+
+from dlolib.identify.descent import Descended, DescentSettings, descend
+from dlolib.identify.identify import Identified, IdentifySettings, identify, particles_for
+from dlolib.identify.output import summary, write_identified
+
+__all__ = [
+    "Descended",
+    "DescentSettings",
+    "Identified",
+    "IdentifySettings",
+    "descend",
+    "identify",
+    "particles_for",
+    "summary",
+    "write_identified",
+]

@@ -1,0 +1,246 @@
+"""Identification of a rope's stiffness from recordings: Section V.A, by least squares or as published."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from scipy.optimize import OptimizeResult, least_squares
+
+from dlolib.errors import ParameterError
+from dlolib.identify.intervals import bootstrap
+from dlolib.identify.parameters import Unknown, acting, candidates
+from dlolib.identify.problem import Bools, Problem, axes
+from dlolib.sim.poses import model_of
+from dlolib.sim.recording import UNITS
+from dlolib.sim.rod import Rod
+from dlolib.types import Estimate, Fit, Floats, Recording
+
+# EI over linear density where the search begins [m^4/s^2]: a decade either side is tried as well.
+FIRST_STIFFNESS_M4_S2 = (1e-3, 1e-2, 1e-1)
+
+
+@dataclass(frozen=True)
+class IdentifySettings:
+    """How to identify.
+
+    Args:
+        particles: n, at least; more where segments would be longer than `longest_segment_m`.
+        longest_segment_m: see above [m].
+        time_step_s: step of the dynamic clock; quasi-static recordings need none.
+        sweeps: None for the direct solver; the paper's iterative one with so many iterations a step.
+        parameters: names to fit, or None for those that act (see `parameters.candidates`).
+        iterations: at most this many steps of least squares.
+        bootstrap: resamples behind each interval.
+        heldout_share: share of the frames, the last ones, left out to foretell them, where the recording
+            does not say which.
+        seed: of the bootstrap.
+    """
+
+    particles: int = 30
+    longest_segment_m: float = 0.016
+    time_step_s: float = 0.01
+    sweeps: int | None = None
+    parameters: tuple[str, ...] | None = None
+    iterations: int = 50
+    bootstrap: int = 1000
+    heldout_share: float = 0.25
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Identified:
+    """The fit, the rods at it, and how well they foretell what was left out.
+
+    loss: one row an iteration: iteration, loss_m (equation (12), over the first recording's frames) and
+    the values by name. simulated_m: simulated points (P, 3) of each recording. heldout_rmse_m is None
+    where nothing could be left out.
+    """
+
+    fit: Fit
+    rods: tuple[Rod, ...]
+    loss: pd.DataFrame
+    simulated_m: tuple[Floats, ...]
+    rmse_m: tuple[float, ...]
+    heldout_rmse_m: float | None
+    heldout_frames: int
+
+
+def particles_for(length_m: float, settings: IdentifySettings) -> int:
+    """n for a rope of this length: no segment is longer than `longest_segment_m`."""
+    return max(settings.particles, int(np.ceil(length_m / settings.longest_segment_m)) + 1)
+
+
+def identify(recordings: Sequence[Recording], settings: IdentifySettings) -> Identified:
+    """Fit one object's stiffness to its recordings by Levenberg-Marquardt on forward sensitivities.
+
+    Material parameters are shared, each recording has its own clamp angles (the nuisances, where there
+    are several recordings). Parameters that move no point are left at their neutral values.
+
+    Raises:
+        ParameterError: a name in `settings.parameters` is unknown or does not act.
+    """
+    problem, theta = _begin(recordings, settings)
+    problem, theta = _acting_only(problem, theta, settings)
+    fitting, heldout = _split(problem, settings)
+    history: list[Floats] = []
+    best = _solve(fitting if _declared(recordings) else problem, theta, settings, history)
+    final = fitting if _declared(recordings) else problem
+    low, high = bootstrap(final, best.x, settings.bootstrap, settings.seed)
+    foretold = best.x if _declared(recordings) else _solve(fitting, best.x, settings, []).x
+    return _result(final, best.x, low, high, history, heldout, foretold)
+
+
+def _begin(recordings: Sequence[Recording], settings: IdentifySettings) -> tuple[Problem, Floats]:
+    """The problem with every candidate, at the best of a few stiffnesses decades apart."""
+    models, rods, used = [], [], []
+    for recording in recordings:
+        n = particles_for(recording.rope.length_m, settings)
+        models.append(model_of(recording, n, settings.time_step_s, settings.sweeps))
+        rods.append(Rod(recording.rope, 1.0, 1.0, particles=n))
+        used.append(np.ones(len(recording.points.s_m), dtype=bool))
+    problem = Problem(tuple(models), tuple(rods), tuple(used), candidates(recordings))
+    density = rods[0].linear_density
+
+    def coordinates(ratio: float) -> Floats:
+        return np.array([u.inward(ratio * density) if u.logarithmic else 0.0 for u in problem.unknowns])
+
+    costs = [float(np.sum(problem.residuals(coordinates(ratio)) ** 2)) for ratio in FIRST_STIFFNESS_M4_S2]
+    return problem, coordinates(FIRST_STIFFNESS_M4_S2[int(np.argmin(costs))])
+
+
+def _acting_only(problem: Problem, theta: Floats, settings: IdentifySettings) -> tuple[Problem, Floats]:
+    positions = acting(problem.unknowns, problem.jacobian(theta))
+    if settings.parameters is not None:
+        named = {u.name for u in problem.unknowns}
+        for name in settings.parameters:
+            if name not in named:
+                raise ParameterError(
+                    f"cannot fit {name} here", mend=f"choose from {', '.join(sorted(named))}"
+                )
+        positions = [k for k in positions if problem.unknowns[k].name in settings.parameters]
+    if not positions:
+        raise ParameterError(
+            "no parameter acts on these recordings", mend="record a motion that bends the rope"
+        )
+    return _keeping_rods(problem, theta, positions), theta[positions]
+
+
+def _keeping_rods(problem: Problem, theta: Floats, positions: Sequence[int]) -> Problem:
+    """Only some unknowns, the others fixed at theta in the rods themselves."""
+    rods = tuple(problem.rod(k, theta) for k in range(len(problem.models)))
+    return Problem(problem.models, rods, problem.used, problem.unknowns).restricted(positions)
+
+
+def _declared(recordings: Sequence[Recording]) -> bool:
+    return any(r.heldout_frames is not None for r in recordings)
+
+
+def _split(problem: Problem, settings: IdentifySettings) -> tuple[Problem, tuple[Bools, ...]]:
+    """The problem without the held-out frames, and which points those are."""
+    heldout = []
+    for model in problem.models:
+        frame, declared = model.recording.points.frame, model.recording.heldout_frames
+        if declared is not None:
+            heldout.append((frame >= declared[0]) & (frame <= declared[1]))
+            continue
+        frames = np.unique(frame)
+        last = frames[len(frames) - int(np.floor(settings.heldout_share * len(frames))) :]
+        heldout.append(np.isin(frame, last))
+    return problem.with_used([~left for left in heldout]), tuple(heldout)
+
+
+def _solve(
+    problem: Problem, theta: Floats, settings: IdentifySettings, history: list[Floats]
+) -> OptimizeResult:
+    history.append(theta.copy())
+
+    def note(intermediate_result: OptimizeResult) -> None:
+        history.append(intermediate_result.x.copy())
+
+    return least_squares(
+        problem.residuals, theta, problem.jacobian, x_scale=np.array([u.scale for u in problem.unknowns]),
+        max_nfev=settings.iterations, ftol=1e-8, xtol=1e-8, gtol=1e-12, callback=note,
+    )  # fmt: skip
+
+
+def paper_loss(problem: Problem, theta: Floats) -> float:
+    """Equation (12) [m]: the mean distance a point, summed over the frames of the first recording."""
+    distance = np.linalg.norm(problem.distances(0, theta), axis=1)
+    return float(pd.Series(distance).groupby(problem.models[0].recording.points.frame).mean().sum())
+
+
+def _result(
+    problem: Problem, theta: Floats, low: Floats, high: Floats, history: Sequence[Floats],
+    heldout: Sequence[Bools], foretold: Floats,
+) -> Identified:  # fmt: skip
+    several = len(problem.models) > 1
+    parameters: dict[str, Estimate] = {}
+    nuisances: dict[str, dict[str, Estimate]] = {}
+    for u, value, a, b in zip(problem.unknowns, theta, low, high, strict=True):
+        estimate = _estimate(problem, u, float(value), float(a), float(b))
+        if several and u.recording is not None:
+            nuisances.setdefault(problem.models[u.recording].recording.name, {})[u.name] = estimate
+        else:
+            parameters[estimate_name(problem, u)] = estimate
+    distances = [np.linalg.norm(problem.distances(k, theta), axis=1) for k in range(len(problem.models))]
+    counted = np.concatenate([d[u] for d, u in zip(distances, problem.used, strict=True)])
+    left = [
+        np.linalg.norm(problem.distances(k, foretold), axis=1)[out]
+        for k, out in enumerate(heldout)
+        if out.any()
+    ]
+    frames = sum(
+        len(np.unique(m.recording.points.frame[u])) for m, u in zip(problem.models, problem.used, strict=True)
+    )
+    rods = tuple(problem.rod(k, theta) for k in range(len(problem.models)))
+    return Identified(
+        fit=Fit(parameters, rms(counted), frames, len(counted), nuisances),
+        rods=rods,
+        loss=_history(problem, history),
+        simulated_m=tuple(m.predict(rod).xyz_m for m, rod in zip(problem.models, rods, strict=True)),
+        rmse_m=tuple(rms(d) for d in distances),
+        heldout_rmse_m=rms(np.concatenate(left)) if left else None,
+        heldout_frames=sum(
+            len(np.unique(m.recording.points.frame[o])) for m, o in zip(problem.models, heldout, strict=True)
+        ),
+    )
+
+
+def rms(values: Floats) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _estimate(problem: Problem, unknown: Unknown, value: float, low: float, high: float) -> Estimate:
+    unit = UNITS[unknown.name]
+    if unknown.logarithmic and not _weighed(problem):
+        unit = "m^4/s^2"
+    return Estimate(unknown.outward(value), unknown.outward(low), unknown.outward(high), unit)
+
+
+def estimate_name(problem: Problem, unknown: Unknown) -> str:
+    """The parameter's name in fit.json: stiffness over density where the density was not measured."""
+    ratio = unknown.logarithmic and not _weighed(problem)
+    return f"{unknown.name}_over_density" if ratio else unknown.name
+
+
+def _weighed(problem: Problem) -> bool:
+    return problem.models[0].recording.rope.linear_density_kg_m is not None
+
+
+def _history(problem: Problem, history: Sequence[Floats]) -> pd.DataFrame:
+    rows = []
+    for iteration, theta in enumerate(history):
+        values = {
+            u.name: u.outward(float(t))
+            for u, t in zip(problem.unknowns, theta, strict=True)
+            if u.recording in (None, 0)
+        }
+        rows.append({"iteration": iteration, "loss_m": paper_loss(problem, theta), **values})
+    return pd.DataFrame(rows)
+
+
+__all__ = ["Identified", "IdentifySettings", "axes", "identify", "paper_loss", "particles_for", "rms"]

@@ -1,0 +1,75 @@
+"""95 % intervals scaled to the residual: a bootstrap over blocks of frames, or of the rope."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import stats
+
+from dlolib.identify.problem import Bools, Problem
+from dlolib.sim.poses import Model
+from dlolib.types import Floats, Ints
+
+BLOCKS = 12
+# With fewer distinct poses than this, resampling frames would only tell how well one pose was measured.
+FEWEST_POSES = 4
+
+
+def blocks(model: Model, used: Bools) -> Ints:
+    """A block number for each used point: runs of consecutive frames, or stretches of the rope.
+
+    Residuals of neighbouring frames and points are not independent; whole blocks are.
+    """
+    points = model.recording.points
+    frames = np.unique(points.frame[used])
+    at = np.searchsorted(frames, points.frame[used])
+    if _poses(model) >= FEWEST_POSES:
+        return np.asarray(at * min(BLOCKS, len(frames)) // len(frames), dtype=np.int64)
+    share = points.s_m[used] / model.recording.rope.length_m
+    return np.minimum(share * BLOCKS, BLOCKS - 1).astype(np.int64)
+
+
+def bootstrap(problem: Problem, theta: Floats, resamples: int, seed: int) -> tuple[Floats, Floats]:
+    """Ends of the 95 % percentile intervals of theta, each shape (N,).
+
+    Each resample draws blocks with replacement and takes one Gauss-Newton step from the optimum, which is
+    the refit to first order.
+    """
+    residuals, jacobian = problem.residuals(theta), problem.jacobian(theta)
+    normal, pull = _per_block(problem, residuals, jacobian)
+    numbers = np.arange(len(normal))
+
+    def refit(drawn: Floats) -> Floats:
+        counts = np.bincount(drawn.astype(int), minlength=len(normal))
+        a = np.tensordot(counts, normal, axes=1)
+        b = np.tensordot(counts, pull, axes=1)
+        return np.asarray(theta - np.linalg.lstsq(a, b, rcond=1e-12)[0])
+
+    drawn = stats.bootstrap(
+        (numbers,),
+        refit,
+        n_resamples=resamples,
+        vectorized=False,
+        method="percentile",
+        rng=np.random.default_rng(seed),
+    )
+    return np.atleast_1d(drawn.confidence_interval.low), np.atleast_1d(drawn.confidence_interval.high)
+
+
+def _per_block(problem: Problem, residuals: Floats, jacobian: Floats) -> tuple[Floats, Floats]:
+    """J^T J and J^T r of each block, (K, N, N) and (K, N)."""
+    labels, first = [], 0
+    for model, used in zip(problem.models, problem.used, strict=True):
+        label = blocks(model, used)
+        per_point = 2 if model.recording.planar else 3
+        labels.append(np.repeat(label + first, per_point))
+        first += int(label.max()) + 1
+    rows = np.concatenate(labels)
+    normal = np.stack([jacobian[rows == k].T @ jacobian[rows == k] for k in range(first)])
+    pull = np.stack([jacobian[rows == k].T @ residuals[rows == k] for k in range(first)])
+    return normal, pull
+
+
+def _poses(model: Model) -> int:
+    motion = model.recording.motion
+    rows = np.nan_to_num(np.hstack([motion.start_m, motion.start_q, motion.end_m, motion.end_q]))
+    return len(np.unique(rows.round(6), axis=0))

@@ -1,0 +1,76 @@
+"""Which parameters a set of recordings can tell, and how the fit moves in them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlolib.sim.recording import with_parameter
+from dlolib.sim.rod import Rod
+from dlolib.types import Floats, Recording
+
+STIFFNESSES = ("bending_stiffness", "torsional_stiffness")
+END_ANGLES = ("end_angle.start_1", "end_angle.start_2", "end_angle.end_1", "end_angle.end_2")
+REST_CURVATURES = ("rest_curvature.kappa_1", "rest_curvature.kappa_2")
+# A parameter that moves no point by this much when it changes by its scale does not act.
+ACTS_M = 1e-5
+# What counts as a change of one: a tenth of a stiffness, half a degree, a tenth of 1/m.
+SCALES = {"bending_stiffness": 0.1, "torsional_stiffness": 0.1, "end_angle": 0.01, "rest_curvature": 0.1}
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One number of the fit: its name, and the recording it belongs to (None: shared by all)."""
+
+    name: str
+    recording: int | None = None
+
+    @property
+    def logarithmic(self) -> bool:
+        """Stiffnesses are positive and may be off by decades: the fit moves in their logarithm."""
+        return self.name in STIFFNESSES
+
+    @property
+    def scale(self) -> float:
+        """A change of one, in the fit's own coordinate."""
+        return SCALES[self.name.partition(".")[0]]
+
+    def inward(self, value: float) -> float:
+        """From the parameter to the fit's coordinate."""
+        return float(np.log(value)) if self.logarithmic else value
+
+    def outward(self, coordinate: float) -> float:
+        """From the fit's coordinate to the parameter."""
+        return float(np.exp(coordinate)) if self.logarithmic else coordinate
+
+
+def candidates(recordings: Sequence[Recording]) -> tuple[Unknown, ...]:
+    """EI and GJ of the object, rest curvature where an end is free, and the angles of each one's clamps.
+
+    Uniform rest curvature cannot be told between two clamps (the integral of curvature is fixed), so it is
+    a candidate only where an end is free.
+    """
+    free = any("free" in (r.ends.start, r.ends.end) for r in recordings)
+    shared = [Unknown(name) for name in (*STIFFNESSES, *(REST_CURVATURES if free else ()))]
+    own = [
+        Unknown(name, k)
+        for k, recording in enumerate(recordings)
+        for name in END_ANGLES
+        if getattr(recording.ends, name.partition(".")[2][:-2]) == "clamped"
+    ]
+    return (*shared, *own)
+
+
+def acting(unknowns: Sequence[Unknown], jacobian: Floats) -> list[int]:
+    """Positions of the unknowns that move some point; jacobian (R, N) in the fit's coordinates."""
+    moves = np.abs(jacobian).max(axis=0) * np.array([u.scale for u in unknowns])
+    return [k for k, move in enumerate(moves) if move > ACTS_M]
+
+
+def rod_with(rod: Rod, values: Mapping[str, float]) -> Rod:
+    """The rod with several parameters changed, by name."""
+    for name, value in values.items():
+        rod = with_parameter(rod, name, value)
+    return rod

@@ -1,0 +1,85 @@
+"""Residuals of one or several recordings of one object, and their derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import approx_fprime
+
+from dlolib.identify.parameters import Unknown, rod_with
+from dlolib.sim.poses import Model
+from dlolib.sim.rod import Rod
+from dlolib.types import Floats
+
+Bools = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Simulated minus observed points of all recordings, as a function of the unknowns.
+
+    Args:
+        models: one a recording.
+        rods: the rod of each recording before any unknown is set (its length and masses differ).
+        used: for each recording which of its points count, shape (P,).
+        unknowns: in the order of the fit's coordinates.
+    """
+
+    models: tuple[Model, ...]
+    rods: tuple[Rod, ...]
+    used: tuple[Bools, ...]
+    unknowns: tuple[Unknown, ...]
+
+    def rod(self, k: int, theta: Floats) -> Rod:
+        """The rod of recording k at the coordinates theta (N,)."""
+        values = {
+            u.name: u.outward(float(t))
+            for u, t in zip(self.unknowns, theta, strict=True)
+            if u.recording in (None, k)
+        }
+        return rod_with(self.rods[k], values)
+
+    def distances(self, k: int, theta: Floats) -> Floats:
+        """Simulated minus observed points of recording k, all of them: (P, A) [m]; A = 2 where planar."""
+        model = self.models[k]
+        difference = model.predict(self.rod(k, theta)).xyz_m - model.recording.points.xyz_m
+        return difference[:, axes(model)]
+
+    def residuals(self, theta: Floats) -> Floats:
+        """The points that count, as one vector (R,) [m]."""
+        return np.concatenate(
+            [self.distances(k, theta)[self.used[k]].ravel() for k in range(len(self.models))]
+        )
+
+    def jacobian(self, theta: Floats) -> Floats:
+        """Derivatives of `residuals` by theta, (R, N); differences for the iterative solver."""
+        if any(getattr(model, "sweeps", None) is not None for model in self.models):
+            steps = 1e-4 * np.array([u.scale for u in self.unknowns])
+            return np.asarray(approx_fprime(theta, self.residuals, steps)).reshape(-1, len(theta))
+        blocks = []
+        for k, model in enumerate(self.models):
+            mine = [n for n, u in enumerate(self.unknowns) if u.recording in (None, k)]
+            names = [self.unknowns[n].name for n in mine]
+            by = model.predict(self.rod(k, theta), names).by_parameter[self.used[k]][:, axes(model)]
+            block = np.zeros((by.shape[0] * by.shape[1], len(self.unknowns)))
+            block[:, mine] = by.reshape(-1, len(mine))
+            blocks.append(block)
+        chain = [
+            u.outward(float(t)) if u.logarithmic else 1.0 for u, t in zip(self.unknowns, theta, strict=True)
+        ]
+        return np.asarray(np.concatenate(blocks) * np.array(chain))
+
+    def restricted(self, positions: Sequence[int]) -> Problem:
+        """The same with only some of the unknowns."""
+        return Problem(self.models, self.rods, self.used, tuple(self.unknowns[k] for k in positions))
+
+    def with_used(self, used: Sequence[Bools]) -> Problem:
+        """The same with other points counting."""
+        return Problem(self.models, self.rods, tuple(used), self.unknowns)
+
+
+def axes(model: Model) -> list[int]:
+    """The observed axes: x and z where only the plane was seen."""
+    return [0, 2] if model.recording.planar == "xz" else [0, 1, 2]

@@ -1,0 +1,27 @@
+"""The one place that starts Taichi. Import `ti` from here, never from taichi itself."""
+
+import contextlib
+import io
+import os
+
+os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")  # before the import: it prints to standard output
+
+import taichi as ti
+
+# Double precision, and no fast maths: an error of the compiler must not be taken for physics, and two
+# runs must agree to the byte. The offline cache makes every start after the first quick.
+with contextlib.redirect_stdout(io.StringIO()):  # it announces itself where a command's output goes
+    ti.init(
+        arch=ti.cpu,
+        default_fp=ti.f64,
+        default_ip=ti.i32,
+        fast_math=False,
+        offline_cache=True,
+        log_level=ti.WARN,
+    )
+
+vec3 = ti.types.vector(3, ti.f64)
+vec4 = ti.types.vector(4, ti.f64)
+mat3 = ti.types.matrix(3, 3, ti.f64)
+
+__all__ = ["mat3", "ti", "vec3", "vec4"]

@@ -1,0 +1,35 @@
+"""The obstacles the rod knows. A new one is a file here, a line below and a line in `dlolib.obstacles`."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dlolib.sim.rotations import identity
+from dlolib.sim.runtime import ti, vec3
+from dlolib.sim.shapes import box, cylinder, plane, sphere
+from dlolib.types import Floats, Obstacle
+
+ALL = (cylinder, sphere, plane, box)
+WIDTH = 16
+
+
+def pack(obstacles: Sequence[Obstacle]) -> Floats:
+    """Obstacles as rows (K, 16): the shape's number, then its values."""
+    numbers = {shape.NAME: number for number, shape in enumerate(ALL)}
+    rows = np.zeros((len(obstacles), WIDTH))
+    for row, obstacle in zip(rows, obstacles, strict=True):
+        number = numbers[obstacle.shape]
+        values = [float(number), *ALL[number].pack(obstacle.values)]
+        row[: len(values)] = values
+    return rows
+
+
+@ti.func
+def signed_distance(p: vec3, o: ti.template(), b: int, k: int):
+    """Distance [m] from p to obstacle k of rope b, gradient, Hessian, 1 where an end section is nearest."""
+    d, n, h, section = 1e30, vec3(0.0), 0.0 * identity(), 0
+    kind = int(o[b, k, 0])
+    for number in ti.static(range(len(ALL))):
+        if kind == number:
+            d, n, h, section = ALL[number].signed_distance(p, o, b, k)
+    return d, n, h, section

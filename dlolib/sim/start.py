@@ -1,0 +1,128 @@
+"""A first shape from which Newton's method finds the equilibrium between two held poses."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
+
+from dlolib.errors import SimulationError
+from dlolib.sim.rod import Scene
+from dlolib.sim.simulate import Clock, Path, Rollout, State, roll_out
+from dlolib.types import Ends, Floats, Pose
+
+SAMPLES = 2001
+# Damped steps towards equilibrium before the quasi-static one, short ones first: (number, seconds each).
+SETTLING = ((30, 0.03), (10, 0.3))
+
+
+def settle(scene: Scene, state: State, ends: Path) -> Rollout:
+    """Equilibrium of B ropes whose ends stand at the path's first step, found by damped motion."""
+    for steps, step_s in SETTLING:
+        still = Path(np.repeat(ends.x[:, :1], steps, axis=1), np.repeat(ends.q[:, :1], steps, axis=1))
+        state = roll_out(scene, state, still, Clock(step_s, momentum=0.0)).final
+    return roll_out(scene, state, Path(ends.x[:, :1], ends.q[:, :1]), Clock(None))
+
+
+def first_shape(
+    length_m: float, particles: int, ends: Ends, start: Pose | None, end: Pose | None, gravity_m_s2: Floats
+) -> State:
+    """A curve of the right length between the held poses, sagging with gravity; straight from a single one.
+
+    Args:
+        length_m: free length [m].
+        particles: n.
+        ends: which ends are held; the pose of a free one is None.
+        gravity_m_s2: the direction in which slack hangs, shape (3,).
+
+    Returns:
+        One rope at rest: x (1, n, 3), q (1, n + 1, 4).
+
+    Raises:
+        SimulationError: the held ends are further apart than the rope is long.
+    """
+    if start is not None and end is not None:
+        points = _curve(length_m, particles, start, end, np.asarray(gravity_m_s2, float))
+    elif start is not None:
+        points = start.position_m + np.linspace(0, length_m, particles)[:, None] * _axes(start)[:, 2]
+    elif end is not None:
+        points = end.position_m + np.linspace(-length_m, 0, particles)[:, None] * _axes(end)[:, 2]
+    else:
+        raise SimulationError("both ends are free", mend="hold one")
+    frames = frames_along(points, start, end)
+    return State(points[None], points[None].copy(), frames[None])
+
+
+def _axes(pose: Pose) -> Floats:
+    return np.asarray(Rotation.from_quat(pose.quaternion, scalar_first=True).as_matrix())
+
+
+def _curve(length: float, particles: int, start: Pose, end: Pose, gravity: Floats) -> Floats:
+    chord = end.position_m - start.position_m
+    apart = float(np.linalg.norm(chord))
+    if apart > length:
+        raise SimulationError(
+            f"the held ends are {apart:.4g} m apart, the rope is {length:.4g} m long",
+            mend="check units and length",
+        )
+    down = _hanging(chord, gravity, _axes(start)[:, 0])
+    t = np.linspace(0, 1, SAMPLES)[:, None]
+    hermite = start.position_m + (3 - 2 * t) * t**2 * chord
+    tangents = t * (1 - t) ** 2 * _axes(start)[:, 2] - t**2 * (1 - t) * _axes(end)[:, 2]
+    bump = 16 * t**2 * (1 - t) ** 2 * down
+
+    def excess(stiff: float, sag: float) -> float:
+        curve = hermite + stiff * tangents + sag * bump
+        return float(np.linalg.norm(np.diff(curve, axis=0), axis=1).sum()) - length
+
+    stiff, sag = 0.7 * length, 0.0
+    if excess(stiff, 0.0) > 0:
+        stiff = float(brentq(excess, 0.0, stiff, args=(0.0,))) if excess(0.0, 0.0) < 0 else 0.0
+    else:
+        sag = float(brentq(lambda s: excess(stiff, s), 0.0, length))
+    curve = hermite + stiff * tangents + sag * bump
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))])
+    nodes = np.linspace(0, along[-1], particles)
+    return np.stack([np.interp(nodes, along, curve[:, k]) for k in range(3)], axis=1)
+
+
+def _hanging(chord: Floats, gravity: Floats, aside: Floats) -> Floats:
+    """Where slack goes: down, but not along the chord."""
+    along = chord / max(float(np.linalg.norm(chord)), 1e-9)
+    for direction in (gravity, aside, np.array([1.0, 0.0, 0.0])):
+        norm = float(np.linalg.norm(direction))
+        if norm > 0:
+            across = direction / norm - (direction / norm) @ along * along
+            if float(np.linalg.norm(across)) > 0.2:
+                return np.asarray(across / np.linalg.norm(across))
+    return np.cross(along, [0.0, 1.0, 0.0])
+
+
+def frames_along(points: Floats, start: Pose | None, end: Pose | None) -> Floats:
+    """Frames of wall, segments and grasp (n + 1, 4): transported along the points, twist spread evenly."""
+    tangents = np.diff(points, axis=0)
+    tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
+    held = start if start is not None else end
+    assert held is not None
+    frame = Rotation.from_quat(held.quaternion, scalar_first=True)
+    frames = [frame]
+    for tangent in tangents:
+        frame = _turned_onto(frame, tangent)
+        frames.append(frame)
+    last = frame if end is None or start is None else Rotation.from_quat(end.quaternion, scalar_first=True)
+    aligned = _turned_onto(last, tangents[-1])
+    twist = float((frame.inv() * aligned).as_rotvec()[2])
+    share = np.linspace(0, twist, len(frames))
+    turned = [f * Rotation.from_rotvec([0.0, 0.0, angle]) for f, angle in zip(frames, share, strict=True)]
+    quaternions = np.array([f.as_quat(scalar_first=True) for f in [*turned, last]])
+    return quaternions
+
+
+def _turned_onto(frame: Rotation, tangent: Floats) -> Rotation:
+    """The frame turned the shortest way so that its third axis is the tangent."""
+    own = frame.as_matrix()[:, 2]
+    axis = np.cross(own, tangent)
+    sine, cosine = float(np.linalg.norm(axis)), float(own @ tangent)
+    if sine < 1e-12:
+        return frame if cosine > 0 else frame * Rotation.from_rotvec([np.pi, 0.0, 0.0])
+    return Rotation.from_rotvec(axis / sine * np.arctan2(sine, cosine)) * frame

@@ -1,0 +1,235 @@
+"""Recordings: round trips, the real ones, and every refusal."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from formats import samples
+
+from dlolib.errors import FormatError
+from dlolib.formats import read_capture_index, read_recording, write_recording
+from dlolib.types import Noise, Recording
+
+SHARED = Path(__file__).resolve().parents[3] / "shared" / "data"
+
+
+def assert_equal(one: Any, other: Any) -> None:
+    for field in dataclasses.fields(one):
+        left, right = getattr(one, field.name), getattr(other, field.name)
+        if dataclasses.is_dataclass(left):
+            assert_equal(left, right)
+        elif isinstance(left, np.ndarray):
+            np.testing.assert_allclose(left, right, rtol=1e-8, atol=1e-12, err_msg=field.name)
+        else:
+            assert left == right, field.name
+
+
+@pytest.fixture(name="shared", params=["real", "practice", "sealed"])
+def shared_folder(request: pytest.FixtureRequest) -> Path:
+    folder = SHARED / request.param
+    if not folder.is_dir():
+        pytest.skip(f"no ../shared/data/{request.param}: the shared recordings are not on this machine")
+    return folder
+
+
+def test_shared_recordings_are_read_without_complaint_and_survive_a_round_trip(
+    shared: Path, tmp_path: Path
+) -> None:
+    folders = sorted(path.parent for path in shared.glob("*/recording.json"))
+    assert folders
+    for folder in folders:
+        recording = read_recording(folder)
+        assert recording.name == folder.name
+        assert len(recording.points.s_m) > 40
+        write_recording(recording, tmp_path / "again")
+        assert_equal(recording, read_recording(tmp_path / "again"))
+
+
+def test_the_shared_clouds_are_read() -> None:
+    if not (SHARED / "real" / "rope_clouds").is_dir():
+        pytest.skip("no ../shared/data/real/rope_clouds: the shared captures are not on this machine")
+    index = read_capture_index(SHARED / "real" / "rope_clouds")
+    assert index.cloud is not None and len(index.cloud) == 6 and index.color is None and index.motion is None
+
+
+def full() -> Recording:
+    plain = samples.recording()
+    covariance = np.tile(np.diag([1e-6, 2e-6, 3e-6]) + 1e-7, (30, 1, 1))
+    return dataclasses.replace(
+        plain,
+        points=dataclasses.replace(plain.points, covariance_m2=covariance),
+        noise=Noise(0.001, 3.0, 2.0),
+        position_noise_m=0.001,
+        world_from_camera=np.array([[1.0, 0, 0, 0], [0, 0, 1, -0.7], [0, -1, 0, 0], [0, 0, 0, 1]]),
+        static_frames=(0, 1),
+        heldout_frames=(2, 2),
+        rate_hz=30.0,
+        quasi_static=False,
+        source="a test",
+        note="two lines are one",
+    )
+
+
+def test_round_trip_of_every_key(tmp_path: Path) -> None:
+    write_recording(full(), tmp_path / "one")
+    again = read_recording(tmp_path / "one")
+    assert_equal(full(), again)
+    write_recording(again, tmp_path / "two")
+    for name in ("recording.json", "motion.csv", "points.csv"):
+        assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
+
+
+def test_points_of_a_frame_are_put_in_order(tmp_path: Path) -> None:
+    folder = samples.recording_folder(tmp_path / "r")
+    header, *rows = (folder / "points.csv").read_text().splitlines()
+    rows[2], rows[7] = rows[7], rows[2]
+    (folder / "points.csv").write_text("\n".join([header, *rows]))
+    assert_equal(samples.recording(), read_recording(folder))
+
+
+def test_a_planar_recording_needs_no_y(tmp_path: Path) -> None:
+    folder = samples.recording_folder(tmp_path / "r")
+    samples.set_key(folder / "recording.json", "planar", "xz")
+    for line in range(2, 32):
+        samples.set_cell(folder / "points.csv", line, "y_m", "")
+    assert (read_recording(folder).points.xyz_m[:, 1] == 0).all()
+
+
+def refused(folder: Path, name: str) -> str:
+    with pytest.raises(FormatError) as caught:
+        read_recording(folder)
+    line = str(caught.value)
+    assert line.startswith(str(folder / name)) and "; " in line and "\n" not in line
+    return line
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "says"),
+    [
+        ("format", "dlo-capture/1", "format: says 'dlo-capture/1', expected 'dlo-recording/1'"),
+        ("object.length_m", "0.445", "object.length_m: Input should be a valid number, got '0.445'"),
+        ("object.length_m", 445, "a rope of 445 m looks like millimetres; divide by 1000"),
+        ("object.length_m", None, "object.length_m: Input should be a valid number, got None"),
+        ("object.length_m", 0, "object.length_m: Input should be greater than 0"),
+        ("object.diameter_m", 8, "looks like millimetres; divide by 1000"),
+        ("object.linear_density_kg_m", -1, "object.linear_density_kg_m: Input should be greater than 0"),
+        ("gravity_m_s2", [0, -9.81], "gravity_m_s2"),
+        ("gravity_m_s2", [0, 0, -9810], "looks like millimetres"),
+        ("ends.end", "glued", "ends.end: Input should be 'clamped' or 'free', got 'glued'"),
+        ("quasi_static", "yes", "quasi_static: Input should be a valid boolean"),
+        ("planar", "xy", "planar: Input should be 'xz'"),
+        ("static_frames", [5, 1], "static_frames: [5, 1] ends before it begins"),
+        ("heldout_frames", [50, 60], "heldout_frames: [50, 60] names no frame of points.csv"),
+        ("heldout_frames", [1], "heldout_frames"),
+        ("position_noise_m", -0.001, "position_noise_m: Input should be greater than or equal to 0"),
+        ("camera", {"world_from_camera": [[1, 0], [0, 1]]}, "camera.world_from_camera: is no 4 x 4"),
+        ("obstacles.0.shape", "torus", "unknown shape 'torus'; valid are cylinder, sphere, plane, box"),
+        ("obstacles.0.radius_m", -0.03, "radius_m = -0.03 is not positive"),
+        ("obstacles.0.center_m", [200, 0, 150], "looks like millimetres"),
+        ("obstacles.0.axis", [0, 0, 0], "axis is zero; give a direction"),
+        ("obstacles.0.axis", [0, 1], "give 3 numbers"),
+    ],
+)
+def test_a_bad_key_is_named(tmp_path: Path, key: str, value: Any, says: str) -> None:
+    folder = samples.recording_folder(tmp_path / "r")
+    samples.set_key(folder / "recording.json", key, value)
+    assert says in refused(folder, "recording.json")
+
+
+@pytest.mark.parametrize(
+    ("line", "column", "value", "says"),
+    [
+        (5, "x_m", "0,1", "give every row as many cells"),
+        (5, "x_m", "seen", "line 5, column x_m: 'seen' in a number's place"),
+        (5, "x_m", "NaN", "line 5, column x_m: NaN is not a finite number"),
+        (5, "s_m", "0.5", "s_m = 0.5 is outside the rope of 0.445 m; give the arc length"),
+        (5, "s_m", "148.3", "looks like millimetres"),
+        (5, "s_m", "-0.1", "s_m = -0.1 is outside the rope"),
+        (5, "z_m", "-3", "on a rope of 0.445 m; correct the positions or length_m"),
+        (5, "z_m", "-300", "looks like millimetres; divide by 1000"),
+        (5, "frame", "0.5", "0.5 is no frame number; count from 0 in whole numbers"),
+        (5, "t_s", "0.5", "line 5, column t_s: frame 0 has the times 0 and 0.5; give a frame one time"),
+        (5, "frame", "2", "line 5, column t_s: frames 0 and 2 have one time, t_s = 0"),
+        (12, "t_s", "-1", "line 12, column t_s: t_s falls from 0 to -1"),
+        (25, "frame", "0", "line 25, column frame: frame falls to 0; sort the rows by frame"),
+        (4, "s_m", "0", "two rows of frame 0 with s_m = 0; remove one of them"),
+    ],
+)
+def test_a_bad_point_is_named(tmp_path: Path, line: int, column: str, value: str, says: str) -> None:
+    folder = samples.recording_folder(tmp_path / "r")
+    samples.set_cell(folder / "points.csv", line, column, value)
+    assert says in refused(folder, "points.csv")
+
+
+@pytest.mark.parametrize("name", ["recording.json", "motion.csv", "points.csv"])
+def test_a_missing_file_is_named(tmp_path: Path, name: str) -> None:
+    folder = samples.recording_folder(tmp_path / "r")
+    (folder / name).unlink()
+    assert "no such file" in refused(folder, name)
+
+
+def test_a_missing_folder_is_named(tmp_path: Path) -> None:
+    with pytest.raises(FormatError, match=r"nowhere: no such folder; correct the path"):
+        read_recording(tmp_path / "nowhere")
+
+
+def test_broken_json_names_the_line(tmp_path: Path) -> None:
+    folder = samples.recording_folder(tmp_path / "r")
+    path = folder / "recording.json"
+    path.write_text(path.read_text().replace('"note": "",', '"note": ""'))
+    assert "line 6, column 3: is not JSON" in refused(folder, "recording.json")
+    path.write_text('{"format": NaN}')
+    assert "NaN is not JSON" in refused(folder, "recording.json")
+
+
+@pytest.mark.parametrize(
+    ("name", "suffix", "blamed"),
+    [
+        ("points.csv", "s_m", "points.csv"),
+        ("points.csv", "x_m", "points.csv"),
+        ("motion.csv", "_m", "motion.csv"),
+    ],
+)
+def test_millimetres_are_seen(tmp_path: Path, name: str, suffix: str, blamed: str) -> None:
+    folder = samples.recording_folder(tmp_path / "r")
+    samples.scale_columns(folder / name, suffix, 1000.0)
+    assert "looks like millimetres; divide by 1000" in refused(folder, blamed)
+
+
+def test_a_held_end_far_from_the_points_is_seen(tmp_path: Path) -> None:
+    folder = samples.recording_folder(tmp_path / "r")
+    for line in range(2, 7):
+        for end in ("start", "end"):
+            samples.set_cell(folder / "motion.csv", line, f"{end}_y_m", "3")
+    assert "a held end is 3" in refused(folder, "motion.csv")
+
+
+def test_ends_and_motion_agree(tmp_path: Path) -> None:
+    folder = samples.recording_folder(tmp_path / "r")
+    samples.set_key(folder / "recording.json", "ends.end", "free")
+    assert "gives a pose of the free end" in refused(folder, "motion.csv")
+    for line in range(2, 7):
+        for column in ("x_m", "y_m", "z_m", "qw", "qx", "qy", "qz"):
+            samples.set_cell(folder / "motion.csv", line, f"end_{column}", "")
+    assert np.isnan(read_recording(folder).motion.end_m).all()
+    samples.set_key(folder / "recording.json", "ends.end", "clamped")
+    assert "has no pose of the clamped end" in refused(folder, "motion.csv")
+
+
+def test_two_clocks_are_seen(tmp_path: Path) -> None:
+    folder = samples.recording_folder(tmp_path / "r")
+    path = folder / "motion.csv"
+    for line in range(2, 7):
+        samples.set_cell(path, line, "t_s", str(1.7e9 + line))
+    assert "bring both to one clock" in refused(folder, "motion.csv")
+
+
+def test_nothing_half_written(tmp_path: Path) -> None:
+    broken = dataclasses.replace(samples.recording(), rate_hz=float("nan"))
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        write_recording(broken, tmp_path / "r")
+    assert list(tmp_path.iterdir()) == []

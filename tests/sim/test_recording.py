@@ -1,0 +1,102 @@
+"""The rod under a recording's motion: derivatives of the points, and a stiffness recovered."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sim.ropes import EI, GJ, GRAVITY, LEVEL, ROPE, swing
+
+from dlolib.errors import ParameterError
+from dlolib.identify import IdentifySettings, identify
+from dlolib.sim.poses import PosesModel, model_of
+from dlolib.sim.recording import UNITS, RecordingModel, simulated, with_parameter
+from dlolib.sim.rod import Rod
+from dlolib.types import Ends, Motion, Points, Recording
+
+FRAMES, SEEN = 6, 12
+
+
+def recording(quasi_static: bool = True) -> Recording:
+    """A made-up recording of the paper's rope; where the points were seen is filled in by the rod."""
+    t_s = np.linspace(0, 6, 61)
+    way = swing(61)
+    held = np.tile(LEVEL, (61, 1))
+    motion = Motion(t_s, np.zeros((61, 3)), held, way, held)
+    frame = np.repeat(np.arange(FRAMES), SEEN)
+    s = np.tile(np.linspace(0.01, 0.43, SEEN), FRAMES)
+    points = Points(frame, 1.0 + 0.93 * frame, s, np.zeros((len(s), 3)))
+    made = Recording("made", ROPE, GRAVITY, Ends(), motion, points, quasi_static=quasi_static)
+    return simulated(made, Rod(ROPE, EI, GJ, particles=40))
+
+
+@pytest.mark.parametrize("quasi_static", [True, False])
+def test_derivatives_of_the_points(quasi_static: bool) -> None:
+    model = RecordingModel(recording(quasi_static), 30, 0.01)
+    rod = Rod(ROPE, EI, GJ, end_turns=(0.05, -0.1, 0.02, 0.03))
+    found = model.predict(rod, list(UNITS)).by_parameter
+    for k, name in enumerate(UNITS):
+        value = getattr(rod, name, None)
+        if value is None:
+            group, part = name.split(".")
+            index = ("start_1", "start_2", "end_1", "end_2", "kappa_1", "kappa_2").index(part)
+            value = rod.end_turns[index] if group == "end_angle" else rod.rest_curvature[index - 4]
+        h = 1e-4 * EI if "stiffness" in name else 1e-5
+        ahead, behind = (model.predict(with_parameter(rod, name, value + d)).xyz_m for d in (h, -h))
+        by = (ahead - behind) / (2 * h)
+        assert np.abs(found[:, :, k] - by).max() < 1e-5 * np.abs(by).max() + 1e-9, name
+
+
+def test_planted_stiffnesses_are_found() -> None:
+    made = recording()
+    noisy = replace(
+        made.points,
+        xyz_m=made.points.xyz_m + np.random.default_rng(3).normal(0, 2e-4, made.points.xyz_m.shape),
+    )
+    fit = identify([replace(made, points=noisy)], IdentifySettings(particles=40, bootstrap=200)).fit
+    found = fit.parameters["bending_stiffness"]
+    assert found.value == pytest.approx(EI, rel=0.02)
+    assert (
+        found.low is not None and found.high is not None and found.low < EI * 1.02 and found.high > EI * 0.98
+    )
+    assert fit.parameters["torsional_stiffness"].value == pytest.approx(GJ, rel=0.3)
+    assert fit.rmse_m == pytest.approx(2e-4 * np.sqrt(3), rel=0.15)
+
+
+def test_in_one_plane_torsion_does_not_act() -> None:
+    made = recording()
+    flat = replace(made.motion, end_m=made.motion.end_m * [1, 0, 1])
+    made = simulated(replace(made, motion=flat), Rod(ROPE, EI, GJ, particles=30))
+    assert "torsional_stiffness" not in identify([made], IdentifySettings(bootstrap=20)).fit.parameters
+
+
+def test_a_name_that_cannot_be_fitted_is_refused() -> None:
+    with pytest.raises(ParameterError, match="choose from"):
+        identify([recording()], IdentifySettings(parameters=("stiffness",)))
+
+
+def test_unknown_density_gives_ratios() -> None:
+    made = recording()
+    unweighed = replace(made, rope=replace(ROPE, linear_density_kg_m=None))
+    found = identify([unweighed], IdentifySettings(particles=40, bootstrap=20)).fit.parameters[
+        "bending_stiffness_over_density"
+    ]
+    assert found.value == pytest.approx(EI / 0.04, rel=0.02)
+    assert found.unit == "m^4/s^2"
+
+
+def test_settled_poses_are_solved_one_by_one() -> None:
+    made = recording()
+    frames = np.unique(made.points.t_s)
+    rows = np.searchsorted(made.motion.t_s, frames)
+    rows[1::2] = rows[1::2][::-1]  # far apart, so that the ways between are long
+    motion = made.motion
+    sparse = Motion(
+        frames, motion.start_m[rows], motion.start_q[rows], motion.end_m[rows], motion.end_q[rows]
+    )
+    model = model_of(replace(made, motion=sparse), 30, None)
+    assert isinstance(model, PosesModel)
+    whole = RecordingModel(replace(made, motion=sparse), 30, None)
+    rod = Rod(ROPE, EI, GJ)
+    each, one = model.predict(rod, ["bending_stiffness"]), whole.predict(rod, ["bending_stiffness"])
+    assert np.abs(each.xyz_m - one.xyz_m).max() < 1e-8
+    assert np.abs(each.by_parameter - one.by_parameter).max() < 1e-6 * np.abs(one.by_parameter).max()

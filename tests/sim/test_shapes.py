@@ -1,0 +1,82 @@
+"""Every obstacle through one test: sign, unit gradient, gradient and Hessian against differences."""
+
+import numpy as np
+import pytest
+
+from dlolib.obstacles import SHAPES
+from dlolib.sim import shapes
+from dlolib.sim.runtime import ti, vec3
+from dlolib.types import Obstacle
+
+EXAMPLES = {
+    "cylinder": {
+        "center_m": (0.1, 0.0, 0.2),
+        "axis": (0.3, 1.0, 0.1),
+        "radius_m": (0.03,),
+        "height_m": (0.06,),
+    },
+    "sphere": {"center_m": (0.1, 0.0, 0.2), "radius_m": (0.03,)},
+    "plane": {"point_m": (0.1, 0.0, 0.2), "normal": (0.2, 0.1, 1.0)},
+    "box": {"center_m": (0.1, 0.0, 0.2), "quaternion": (0.9, 0.1, 0.2, 0.3), "size_m": (0.04, 0.06, 0.08)},
+}
+INSIDE = {
+    "cylinder": (0.1, 0.0, 0.2),
+    "sphere": (0.1, 0.01, 0.2),
+    "plane": (0.1, 0.0, 0.1),
+    "box": (0.1, 0.0, 0.2),
+}
+
+
+@ti.kernel
+def evaluate(
+    points: ti.types.ndarray(dtype=vec3, ndim=1),
+    obstacles: ti.types.ndarray(dtype=ti.f64, ndim=3),
+    d: ti.types.ndarray(dtype=ti.f64, ndim=1),
+    n: ti.types.ndarray(dtype=vec3, ndim=1),
+    h: ti.types.ndarray(dtype=ti.types.matrix(3, 3, ti.f64), ndim=1),
+):
+    for i in range(points.shape[0]):
+        distance, normal, hessian, _section = shapes.signed_distance(points[i], obstacles, 0, 0)
+        d[i] = distance
+        n[i] = normal
+        h[i] = hessian
+
+
+def at(shape: str, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    packed = shapes.pack([Obstacle(shape, EXAMPLES[shape])])[None]
+    d, n, h = np.zeros(len(points)), np.zeros((len(points), 3)), np.zeros((len(points), 3, 3))
+    evaluate(np.ascontiguousarray(points), packed, d, n, h)
+    return d, n, h
+
+
+def test_every_shape_of_the_formats_is_known() -> None:
+    assert {shape.NAME for shape in shapes.ALL} == set(SHAPES) == set(EXAMPLES)
+
+
+@pytest.mark.parametrize("shape", EXAMPLES)
+def test_negative_inside_positive_outside(shape: str) -> None:
+    d, _, _ = at(shape, np.array([INSIDE[shape], (0.3, 0.2, 0.9)]))
+    assert d[0] < 0 < d[1]
+
+
+@pytest.mark.parametrize("shape", EXAMPLES)
+def test_gradient_and_hessian_are_those_of_the_distance(shape: str) -> None:
+    rng = np.random.default_rng(7)
+    points = np.array([0.1, 0.0, 0.2]) + 0.12 * rng.uniform(-1, 1, (400, 3))
+    d, n, h = at(shape, points)
+    step = 1e-6
+    by = np.stack(
+        [(at(shape, points + step * e)[0] - at(shape, points - step * e)[0]) / (2 * step) for e in np.eye(3)],
+        1,
+    )
+    bend = np.stack(
+        [(at(shape, points + step * e)[1] - at(shape, points - step * e)[1]) / (2 * step) for e in np.eye(3)],
+        2,
+    )
+    # a stencil across an edge, where the nearest part changes, tells nothing; there are few
+    smooth = np.abs(bend).max(axis=(1, 2)) < 1e3
+    assert smooth.mean() > 0.95
+    assert np.linalg.norm(n, axis=1) == pytest.approx(1.0, abs=1e-9)
+    assert n[smooth] == pytest.approx(by[smooth], abs=1e-6)
+    assert h[smooth] == pytest.approx(bend[smooth], abs=1e-4 * max(1.0, np.abs(h).max()))
+    assert np.isfinite(d).all()
