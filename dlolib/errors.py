@@ -51,5 +51,5 @@ class SimulationError(DloError):
     """The rod could not be solved: says at which step and why."""
 
 
-class MotionRefused(DloError):
+class MotionRefused(DloError):  # noqa: N818  (what happened, as the log says it)
     """A robot's path fails a check made before the first motion."""

@@ -76,21 +76,23 @@ def particles_for(length_m: float, settings: IdentifySettings) -> int:
 def identify(recordings: Sequence[Recording], settings: IdentifySettings) -> Identified:
     """Fit one object's stiffness to its recordings by Levenberg-Marquardt on forward sensitivities.
 
-    Material parameters are shared, each recording has its own clamp angles (the nuisances, where there
-    are several recordings). Parameters that move no point are left at their neutral values.
+    Material parameters are shared, each recording has its own clamp angles (its nuisances). Parameters that
+    move no point are left at their neutral values.
 
     Raises:
         ParameterError: a name in `settings.parameters` is unknown or does not act.
     """
     problem, theta = _begin(recordings, settings)
     problem, theta = _acting_only(problem, theta, settings)
-    fitting, heldout = _split(problem, settings)
     history: list[Floats] = []
-    best = _solve(fitting if _declared(recordings) else problem, theta, settings, history)
-    final = fitting if _declared(recordings) else problem
-    low, high = bootstrap(final, best.x, settings.bootstrap, settings.seed)
-    foretold = best.x if _declared(recordings) else _solve(fitting, best.x, settings, []).x
-    return _result(final, best.x, low, high, history, heldout, foretold)
+    best = _solve(problem, theta, settings, history)
+    low, high = bootstrap(problem, best.x, settings.bootstrap, settings.seed)
+    # frames that a recording declares as held out were never in the fit; of others the last are left out now
+    heldout = [_heldout(recording, settings) for recording in recordings]
+    without = problem.with_used([~left for left in heldout])
+    declared = all(r.heldout_frames is not None for r in recordings)
+    foretold = best.x if declared else _solve(without, best.x, settings, []).x
+    return _result(problem, best.x, low, high, history, heldout, foretold)
 
 
 def _begin(recordings: Sequence[Recording], settings: IdentifySettings) -> tuple[Problem, Floats]:
@@ -100,7 +102,7 @@ def _begin(recordings: Sequence[Recording], settings: IdentifySettings) -> tuple
         n = particles_for(recording.rope.length_m, settings)
         models.append(model_of(recording, n, settings.time_step_s, settings.sweeps))
         rods.append(Rod(recording.rope, 1.0, 1.0, particles=n))
-        used.append(np.ones(len(recording.points.s_m), dtype=bool))
+        used.append(~_declared(recording))
     problem = Problem(tuple(models), tuple(rods), tuple(used), candidates(recordings))
     density = rods[0].linear_density
 
@@ -134,22 +136,21 @@ def _keeping_rods(problem: Problem, theta: Floats, positions: Sequence[int]) -> 
     return Problem(problem.models, rods, problem.used, problem.unknowns).restricted(positions)
 
 
-def _declared(recordings: Sequence[Recording]) -> bool:
-    return any(r.heldout_frames is not None for r in recordings)
+def _declared(recording: Recording) -> Bools:
+    """Which points (P,) the recording itself holds out."""
+    frame, declared = recording.points.frame, recording.heldout_frames
+    if declared is None:
+        return np.zeros(len(frame), dtype=bool)
+    return np.asarray((frame >= declared[0]) & (frame <= declared[1]))
 
 
-def _split(problem: Problem, settings: IdentifySettings) -> tuple[Problem, tuple[Bools, ...]]:
-    """The problem without the held-out frames, and which points those are."""
-    heldout = []
-    for model in problem.models:
-        frame, declared = model.recording.points.frame, model.recording.heldout_frames
-        if declared is not None:
-            heldout.append((frame >= declared[0]) & (frame <= declared[1]))
-            continue
-        frames = np.unique(frame)
-        last = frames[len(frames) - int(np.floor(settings.heldout_share * len(frames))) :]
-        heldout.append(np.isin(frame, last))
-    return problem.with_used([~left for left in heldout]), tuple(heldout)
+def _heldout(recording: Recording, settings: IdentifySettings) -> Bools:
+    """Which points (P,) are foretold: the declared ones, or the last share of the frames."""
+    if recording.heldout_frames is not None:
+        return _declared(recording)
+    frames = np.unique(recording.points.frame)
+    last = frames[len(frames) - int(np.floor(settings.heldout_share * len(frames))) :]
+    return np.isin(recording.points.frame, last)
 
 
 def _solve(
@@ -176,12 +177,11 @@ def _result(
     problem: Problem, theta: Floats, low: Floats, high: Floats, history: Sequence[Floats],
     heldout: Sequence[Bools], foretold: Floats,
 ) -> Identified:  # fmt: skip
-    several = len(problem.models) > 1
     parameters: dict[str, Estimate] = {}
     nuisances: dict[str, dict[str, Estimate]] = {}
     for u, value, a, b in zip(problem.unknowns, theta, low, high, strict=True):
         estimate = _estimate(problem, u, float(value), float(a), float(b))
-        if several and u.recording is not None:
+        if u.recording is not None:
             nuisances.setdefault(problem.models[u.recording].recording.name, {})[u.name] = estimate
         else:
             parameters[estimate_name(problem, u)] = estimate

@@ -60,6 +60,10 @@ def summary(
         "frames": identified.fit.frames,
         "points": identified.fit.points,
         "parameters": {name: asdict(value) for name, value in identified.fit.parameters.items()},
+        "nuisances": {
+            recording: {name: asdict(value) for name, value in own.items()}
+            for recording, own in identified.fit.nuisances.items()
+        },
         "paper_method": None
         if descended is None
         else {

@@ -104,23 +104,30 @@ def assemble(
                 t_x = dt.transpose()
                 gx_next = gd
                 xx_next = dd
-                middle = 0.5 * (x[b, t, s] + x[b, t, s + 1])
-                e, g, h = push(middle, radius[b, 0], contact[b, 2 * s + 1], obstacles, b)
-                energy += e
-                gx += 0.5 * g
-                gx_next += 0.5 * g
-                xx += 0.25 * h
-                xx_next += 0.25 * h
-                x_x += 0.25 * h
         if i > 0:
             p = i - 1
-            e, g, h = push(x[b, t, p], radius[b, 0], contact[b, 2 * p], obstacles, b)
+            # the particle itself, and the middle of the segment that follows it
+            for middle in range(2):
+                if p + middle < n:
+                    here = x[b, t, p]
+                    share = 1.0
+                    if middle == 1:
+                        here = 0.5 * (here + x[b, t, p + 1])
+                        share = 0.5
+                    e, g, h = push(here, radius[b, 0], contact[b, 2 * p + middle], obstacles, b)
+                    energy += e
+                    gx += share * g
+                    xx += share * share * h
+                    if middle == 1:
+                        gx_next += share * g
+                        xx_next += share * share * h
+                        x_x += share * share * h
             inertia, friction = mass[b, p] * rate * rate, drag[b, p] * rate
             flown, moved = x[b, t, p] - free_flight[b, p], x[b, t, p] - x[b, previous, p]
-            energy += e - force[b, p].dot(x[b, t, p])
+            energy -= force[b, p].dot(x[b, t, p])
             energy += 0.5 * inertia * flown.dot(flown) + 0.5 * friction * moved.dot(moved)
-            gx += g - force[b, p] + inertia * flown + friction * moved
-            xx += h + (inertia + friction) * identity()
+            gx += inertia * flown + friction * moved - force[b, p]
+            xx += (inertia + friction) * identity()
         write_block(band, b, i, xx, xt, tt, x_x, t_x, t_t)
         for r in ti.static(range(3)):
             y[b, 0, 6 * i + r] = -gx[r]

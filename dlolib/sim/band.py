@@ -36,26 +36,26 @@ def factor(band: ti.template(), b: int, rows: int, definite: int) -> int:
 
 
 @ti.func
-def solve(band: ti.template(), y: ti.template(), b: int, c: int, rows: int):
-    """Column c of y: y <- A^-1 y, with the factor of `factor`."""
+def solve(band: ti.template(), m: int, y: ti.template(), b: int, c: int, rows: int):
+    """Column c of y[b]: y <- A^-1 y, with the factor that `factor` left in band[m]."""
     for r in range(rows):
         value = y[b, c, r]
         for k in ti.static(range(1, HALF + 1)):
-            y[b, c, r + k] = y[b, c, r + k] - band[b, r, k] * value
+            y[b, c, r + k] = y[b, c, r + k] - band[m, r, k] * value
     for back in range(rows):
         r = rows - 1 - back
-        value = y[b, c, r] * band[b, r, 0]
+        value = y[b, c, r] * band[m, r, 0]
         for k in ti.static(range(1, HALF + 1)):
-            value -= band[b, r, k] * y[b, c, r + k]
+            value -= band[m, r, k] * y[b, c, r + k]
         y[b, c, r] = value
 
 
 @ti.func
-def row_times(band: ti.template(), y: ti.template(), b: int, c: int, r: int) -> float:
-    """(A y)[r] of column c for an A that is not factored."""
-    value = band[b, r, 0] * y[b, c, r]
+def row_times(band: ti.template(), m: int, y: ti.template(), b: int, c: int, r: int) -> float:
+    """(A y)[r] of column c of y[b], for an A in band[m] that is not factored."""
+    value = band[m, r, 0] * y[b, c, r]
     for k in ti.static(range(1, HALF + 1)):
-        value += band[b, r, k] * y[b, c, r + k]
+        value += band[m, r, k] * y[b, c, r + k]
         if r - k >= 0:
-            value += band[b, r - k, k] * y[b, c, r - k]
+            value += band[m, r - k, k] * y[b, c, r - k]
     return value

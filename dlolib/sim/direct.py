@@ -41,17 +41,18 @@ def factor_shifted(band: ti.template(), saved: ti.template(), b: int, n: int, sc
     """Factor the Hessian; where it is not positive definite (a rope about to buckle), shift it first."""
     rows = 6 * (n + 1)
     copy_band(band, saved, b, rows)
-    failed = factor(band, b, rows, 1)
-    shift = 1e-3
+    shift = 0.0
+    failed = 1
     while failed > 0 and shift < 1e12:
-        for i in range(n + 1):
-            for r in ti.static(range(6)):
-                row = 6 * i + r
-                for k in ti.static(range(HALF + 1)):
-                    band[b, row, k] = saved[b, row, k]
-                band[b, row, 0] += shift * (scale_x if ti.static(r < 3) else scale_t)
+        for r in range(rows):
+            for k in ti.static(range(HALF + 1)):
+                band[b, r, k] = saved[b, r, k]
+            scale = scale_x
+            if r % 6 > 2:
+                scale = scale_t
+            band[b, r, 0] += shift * scale
         failed = factor(band, b, rows, 1)
-        shift *= 4.0
+        shift = ti.max(1e-3, 4.0 * shift)
     return failed
 
 
@@ -130,7 +131,7 @@ def roll_out(
                         done = True
                         status[b, t - 1] = NOT_FINITE
                         alive = False
-                    solve(band, y, b, 0, rows)
+                    solve(band, b, y, b, 0, rows)
                     # column 1 keeps the step while the line search looks along it
                     length = 0.0
                     for r in range(rows):
@@ -160,29 +161,8 @@ def roll_out(
                 status[b, t - 1] = UNCONVERGED
 
 
-@ti.func
-def linearise(
-    b: int, t: int, x: ti.template(), q: ti.template(), flight: ti.template(), joint_d: ti.template(),
-    joint_l: ti.template(), joint_rest: ti.template(), segment_l: ti.template(), segment_k: ti.template(),
-    mass: ti.template(), force: ti.template(), drag: ti.template(), obstacles: ti.template(),
-    radius: ti.template(), contact: ti.template(), clamped: ti.template(), rate: float, band: ti.template(),
-    saved: ti.template(), y: ti.template(),
-) -> int:  # fmt: skip
-    """The Hessian at the converged state of step t: whole in `saved`, factored without the ends in `band`."""
-    n = x.shape[2]
-    for p in range(n):
-        flight[b, p] = x[b, t, p]
-    assemble(
-        b, t, x, q, flight, t, joint_d, joint_l, joint_rest, segment_l, segment_k, mass, force, drag,
-        obstacles, radius, contact, rate, band, y,
-    )  # fmt: skip
-    copy_band(band, saved, b, 6 * (n + 1))
-    hold_ends(band, b, n, clamped)
-    return factor(band, b, 6 * (n + 1), 0)
-
-
 @ti.kernel
-def adjoint(
+def linearise(
     x: vectors3,
     q: frames3,
     joint_d: vectors2,
@@ -198,11 +178,40 @@ def adjoint(
     contact: scalars2,
     clamped: flags2,
     rate: ti.f64,
-    momentum: ti.f64,
     band: scalars3,
     saved: scalars3,
     y: scalars3,
     flight: vectors2,
+    status: flags1,
+):
+    """Hessians of S converged states, x (S, 1, n): whole in `saved`, factored without the ends in `band`."""
+    for m in range(x.shape[0]):
+        n = x.shape[2]
+        assemble(
+            m, 0, x, q, flight, 0, joint_d, joint_l, joint_rest, segment_l, segment_k, mass, force, drag,
+            obstacles, radius, contact, rate, band, y,
+        )  # fmt: skip
+        copy_band(band, saved, m, 6 * (n + 1))
+        hold_ends(band, m, n, clamped)
+        if factor(band, m, 6 * (n + 1), 0) > 0:
+            status[m] = NOT_FINITE
+
+
+@ti.kernel
+def adjoint(
+    x: vectors3,
+    q: frames3,
+    joint_d: vectors2,
+    joint_l: scalars2,
+    joint_rest: vectors2,
+    mass: scalars2,
+    drag: scalars2,
+    clamped: flags2,
+    rate: ti.f64,
+    momentum: ti.f64,
+    band: scalars3,
+    saved: scalars3,
+    y: scalars3,
     d_x: vectors3,
     d_before: vectors2,
     d_end_x: vectors3,
@@ -210,7 +219,6 @@ def adjoint(
     d_joint_d: vectors2,
     d_joint_rest: vectors2,
     d_force: vectors2,
-    status: flags2,
 ):
     """Reverse pass of `roll_out`.
 
@@ -224,19 +232,14 @@ def adjoint(
         rows = 6 * (n + 1)
         for back in range(x.shape[1] - 1):
             t = x.shape[1] - 1 - back
-            failed = linearise(
-                b, t, x, q, flight, joint_d, joint_l, joint_rest, segment_l, segment_k, mass, force, drag,
-                obstacles, radius, contact, clamped, rate, band, saved, y,
-            )  # fmt: skip
-            if failed > 0:
-                status[b, t - 1] = NOT_FINITE
+            m = b * (x.shape[1] - 1) + t - 1
             for r in range(rows):
                 y[b, 0, r] = 0.0
             for p in range(n):
                 for c in ti.static(range(3)):
                     y[b, 0, 6 * (p + 1) + c] = d_x[b, t, p][c]
             clear_held(y, b, 0, n, clamped)
-            solve(band, y, b, 0, rows)
+            solve(band, m, y, b, 0, rows)
             # lambda is in y: what the step reads, it feeds back to
             for p in range(n):
                 r = 6 * (p + 1)
@@ -251,15 +254,17 @@ def adjoint(
             for c in ti.static(range(3)):
                 if clamped[b, 0] == 1:
                     d_end_x[b, t - 1, 0][c] = (
-                        d_end_x[b, t - 1, 0][c] + d_x[b, t, 0][c] - row_times(saved, y, b, 0, 6 + c)
+                        d_end_x[b, t - 1, 0][c] + d_x[b, t, 0][c] - row_times(saved, m, y, b, 0, 6 + c)
                     )
-                    d_end_q[b, t - 1, 0][c] = d_end_q[b, t - 1, 0][c] - row_times(saved, y, b, 0, 3 + c)
+                    d_end_q[b, t - 1, 0][c] = d_end_q[b, t - 1, 0][c] - row_times(saved, m, y, b, 0, 3 + c)
                 if clamped[b, 1] == 1:
                     d_end_x[b, t - 1, 1][c] = (
-                        d_end_x[b, t - 1, 1][c] + d_x[b, t, n - 1][c] - row_times(saved, y, b, 0, 6 * n + c)
+                        d_end_x[b, t - 1, 1][c]
+                        + d_x[b, t, n - 1][c]
+                        - row_times(saved, m, y, b, 0, 6 * n + c)
                     )
                     d_end_q[b, t - 1, 1][c] = d_end_q[b, t - 1, 1][c] - row_times(
-                        saved, y, b, 0, 6 * n + 3 + c
+                        saved, m, y, b, 0, 6 * n + 3 + c
                     )
             for i in range(n):
                 ra, rb = 6 * i + 3, 6 * i + 9
@@ -278,21 +283,14 @@ def sensitivities(
     joint_d: vectors2,
     joint_l: scalars2,
     joint_rest: vectors2,
-    segment_l: scalars2,
-    segment_k: vectors2,
     mass: scalars2,
-    force: vectors2,
     drag: scalars2,
-    obstacles: scalars3,
-    radius: scalars2,
-    contact: scalars2,
     clamped: flags2,
     rate: ti.f64,
     momentum: ti.f64,
     band: scalars3,
     saved: scalars3,
     y: scalars3,
-    flight: vectors2,
     slot: flags1,
     by_joint_d: vectors3,
     by_joint_rest: vectors3,
@@ -301,7 +299,6 @@ def sensitivities(
     last: vectors3,
     last_but_one: vectors3,
     out: vectors4,
-    status: flags2,
 ):
     """Forward pass beside `roll_out`: derivatives of the positions by a handful of parameters.
 
@@ -315,12 +312,7 @@ def sensitivities(
         for t in range(1, x.shape[1]):
             # without inertia no step depends on the one before, and only the wanted ones are solved
             if slot[t - 1] >= 0 or rate > 0.0:
-                failed = linearise(
-                    b, t, x, q, flight, joint_d, joint_l, joint_rest, segment_l, segment_k, mass, force, drag,
-                    obstacles, radius, contact, clamped, rate, band, saved, y,
-                )  # fmt: skip
-                if failed > 0:
-                    status[b, t - 1] = NOT_FINITE
+                m = b * (x.shape[1] - 1) + t - 1
                 for c in range(by_frame.shape[1]):
                     for r in range(rows):
                         y[b, c, r] = 0.0
@@ -334,11 +326,11 @@ def sensitivities(
                     for k in ti.static(range(3)):
                         for j in ti.static(range(3)):
                             y[b, c, 9 + k] = (
-                                y[b, c, 9 + k] - saved[b, 3 + j, 6 + k - j] * by_frame[b, c, 0][j]
+                                y[b, c, 9 + k] - saved[m, 3 + j, 6 + k - j] * by_frame[b, c, 0][j]
                             )
                             y[b, c, 6 * n - 3 + k] = (
                                 y[b, c, 6 * n - 3 + k]
-                                - saved[b, 6 * n - 3 + k, 6 + j - k] * by_frame[b, c, 1][j]
+                                - saved[m, 6 * n - 3 + k, 6 + j - k] * by_frame[b, c, 1][j]
                             )
                     for p in range(n):
                         inertia = mass[b, p] * rate * rate
@@ -347,7 +339,7 @@ def sensitivities(
                         for k in ti.static(range(3)):
                             y[b, c, 6 * (p + 1) + k] = y[b, c, 6 * (p + 1) + k] + carried[k]
                     clear_held(y, b, c, n, clamped)
-                    solve(band, y, b, c, rows)
+                    solve(band, m, y, b, c, rows)
                     for p in range(n):
                         r = 6 * (p + 1)
                         last_but_one[b, c, p] = last[b, c, p]

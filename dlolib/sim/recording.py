@@ -277,8 +277,10 @@ def _brackets(at: Floats, times: Floats) -> tuple[np.ndarray, np.ndarray, Floats
     return before, after, np.clip(share, 0.0, 1.0)
 
 
-def simulated(recording: Recording, rod: Rod, step_s: float | None = 0.01) -> Recording:
+def simulated(
+    recording: Recording, rod: Rod, step_s: float | None = 0.01, sweeps: int | None = None
+) -> Recording:
     """The recording with its points replaced by the simulated ones, at the same times and arc lengths."""
-    xyz = RecordingModel(recording, rod.particles, step_s).predict(rod).xyz_m
+    xyz = RecordingModel(recording, rod.particles, step_s, sweeps).predict(rod).xyz_m
     points = replace(recording.points, xyz_m=xyz, covariance_m2=None)
-    return replace(recording, points=points, source="dlolib simulate", position_noise_m=0.0, noise=None)
+    return replace(recording, points=points, source=f"dlo simulate {recording.name}", position_noise_m=0.0, noise=None)

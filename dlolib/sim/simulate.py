@@ -125,17 +125,16 @@ def gradient(rollout: Rollout, d_x: Floats, d_before: Floats | None = None) -> G
     before = np.zeros((ropes, n, 3)) if d_before is None else np.array(d_before, order="C")
     end_x, end_q = np.zeros((ropes, indices - 1, 2, 3)), np.zeros((ropes, indices - 1, 2, 3))
     joint_d, joint_rest, force = (np.zeros((ropes, n, 3)) for _ in range(3))
-    status = np.zeros((ropes, indices - 1), np.int32)
     if d_before is not None:
         # a loss by the state before the last one is a loss by the last position but one
         d_x[:, -2] += before
         before[:] = 0
+    made, clock = rollout.scene, rollout.clock
     direct.adjoint(
-        rollout.x, rollout.q, *rollout.scene.arrays(), rollout.clock.rate, rollout.clock.momentum,
-        *_bands(ropes, n), _columns(ropes, 1, n), np.empty((ropes, n, 3)), d_x, before, end_x, end_q,
-        joint_d, joint_rest, force, status,
+        rollout.x, rollout.q, made.joint_d, made.joint_l, made.joint_rest, made.mass, made.drag, made.clamped,
+        clock.rate, clock.momentum, *_linearised(rollout), _columns(ropes, 1, n), d_x, before, end_x, end_q,
+        joint_d, joint_rest, force,
     )  # fmt: skip
-    _refuse(status)
     return Gradient(d_x[:, 0], before, end_x, end_q, joint_d, joint_rest, force)
 
 
@@ -155,15 +154,30 @@ def sensitivities(
     slot[np.asarray(steps) - 1] = np.arange(len(steps))
     out = np.zeros((ropes, len(steps), parameters, n, 3))
     begin = np.zeros((ropes, parameters, n, 3)) if initial is None else np.ascontiguousarray(initial)
-    status = np.zeros((ropes, indices - 1), np.int32)
+    made, clock = rollout.scene, rollout.clock
     direct.sensitivities(
-        rollout.x, rollout.q, *rollout.scene.arrays(), rollout.clock.rate, rollout.clock.momentum,
-        *_bands(ropes, n), _columns(ropes, parameters, n), np.empty((ropes, n, 3)), slot,
+        rollout.x, rollout.q, made.joint_d, made.joint_l, made.joint_rest, made.mass, made.drag, made.clamped,
+        clock.rate, clock.momentum, *_linearised(rollout), _columns(ropes, parameters, n), slot,
         *(np.ascontiguousarray(getattr(directions, name)) for name in directions.__dataclass_fields__),
-        begin.copy(), begin.copy(), out, status,
+        begin.copy(), begin.copy(), out,
     )  # fmt: skip
-    _refuse(status)
     return out
+
+
+def _linearised(rollout: Rollout) -> tuple[Floats, Floats]:
+    """The Hessian of every step at its converged state, rope by rope: factored, and whole."""
+    ropes, indices, n = rollout.x.shape[:3]
+    states = ropes * (indices - 1)
+    band, saved = _bands(states, n)
+    status = np.zeros(states, np.int32)
+    x = np.ascontiguousarray(rollout.x[:, 1:]).reshape(states, 1, n, 3)
+    q = np.ascontiguousarray(rollout.q[:, 1:]).reshape(states, 1, n + 1, 4)
+    each = (np.repeat(array, indices - 1, axis=0) for array in rollout.scene.arrays())
+    direct.linearise(
+        x, q, *each, rollout.clock.rate, band, saved, _columns(states, 1, n), x[:, 0].copy(), status
+    )  # fmt: skip
+    _refuse(status.reshape(ropes, indices - 1))
+    return band, saved
 
 
 def _bands(ropes: int, n: int) -> tuple[Floats, Floats]:

@@ -19,7 +19,7 @@ def solve_in_place(
 ) -> ti.i32:
     failed = factor(band, 0, rows, definite)
     if failed == 0:
-        solve(band, y, 0, 0, rows)
+        solve(band, 0, y, 0, 0, rows)
     return failed
 
 
@@ -30,7 +30,7 @@ def multiply(
     out: ti.types.ndarray(dtype=ti.f64, ndim=1),
 ):
     for r in range(out.shape[0]):
-        out[r] = row_times(band, y, 0, 0, r)
+        out[r] = row_times(band, 0, y, 0, 0, r)
 
 
 def random_band(seed: int, diagonal: float) -> np.ndarray:

@@ -1,0 +1,52 @@
+# The project's commands. Each sets up .venv by itself; `make` alone lists them.
+SHELL := /bin/bash
+.SHELLFLAGS := -euo pipefail -c
+.DEFAULT_GOAL := help
+# Stages run with the PATH's python: let it be ours.
+export PATH := $(CURDIR)/.venv/bin:$(PATH)
+WORKERS ?= 2
+
+.venv/installed: requirements.lock pyproject.toml .ci/setup
+	@.ci/setup
+
+.PHONY: help
+help: ## list these commands
+	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /  make \1\t/' | expand -t 18
+
+.PHONY: setup
+setup: .venv/installed ## make .venv and nothing else (the commands below do it by themselves)
+
+.PHONY: repro
+repro: .venv/installed ## run the pipeline (what changed of it) and end with the report's path and five figures
+	@python -c 'from stages import run; from dlolib.params import load; run(load)'
+	@dvc repro
+	@python -m stages.headline
+
+.PHONY: test
+test: .venv/installed ## run the tests
+	@pytest -n $(WORKERS) --dist worksteal
+
+.PHONY: lint
+lint: .venv/installed ## ruff, mypy strict on dlolib, import layers
+	@ruff check .
+	@ruff format --check .
+	@mypy
+	@lint-imports
+
+.PHONY: compare
+compare: .venv/installed ## hold this tree's metrics against the committed ones, each within its tolerance
+	@python -m stages.compare
+
+.PHONY: cables
+cables: .venv/installed ## identify the four real cables in DATA=DIR and write reports/cables.json
+	@[ -n "$(DATA)" ] || { echo "make cables: DATA is not set; say where the recordings lie: make cables DATA=DIR" >&2; exit 2; }
+	@python -m stages.cables "$(DATA)"
+
+.PHONY: elastic
+elastic: .venv/installed ## the laboratory with an elastic rope: is the EI that comes out the one that went in?
+	@python -m stages.elastic
+
+.PHONY: lock
+lock: ## pin requirements.lock anew from pyproject.toml (needs uv)
+	@uv pip compile --quiet --universal --fork-strategy fewest --python-version 3.11 --generate-hashes \
+		--no-annotate --no-header --extra dev --upgrade pyproject.toml --output-file requirements.lock

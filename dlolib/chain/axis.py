@@ -1,0 +1,197 @@
+"""The rope's axis from start to end with its arc length, and what of it was seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline
+
+from dlolib.chain.lift import Strand
+from dlolib.chain.order import Anchor
+from dlolib.types import Floats
+
+BRIDGE_STEP_M = 0.002
+STRAIGHT_M, OVERLAP_M = 0.01, 0.03
+HIDDEN_DOUBT, SEEN_DOUBT = 0.05, 0.003
+LARGEST_MISFIT = 0.03
+BACK_SAMPLES = 10
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A dense line along the rope: s_m (M,), points_m (M, 3), seen (M,), pixel (M, 2), NaN where hidden.
+
+    measured_m is the length as measured from start to end, hidden stretches included; fitted tells
+    whether s_m was brought to the rope's known length.
+    """
+
+    s_m: Floats
+    points_m: Floats
+    seen: NDArray[np.bool_]
+    pixel: Floats
+    measured_m: float
+    fitted: bool
+
+
+def assemble(
+    strands: list[Strand], start: Anchor | None, end: Anchor | None, length_m: float, bridge_m: float
+) -> Axis:
+    """String ordered strands together and give every sample its arc length from the start.
+
+    Hidden stretches are bridged by cubics for their length only. Where the measured length is within 3 %
+    of the known one, what is left of the difference is spread: hidden stretches are trusted to 5 %, seen
+    ones to 0.3 %. Else an end is out of sight, and arc length counts as measured from the end that is
+    held, or from the first that is seen.
+
+    Args:
+        strands: the visible stretches in camera axes, each from start to end, at least one.
+        start, end: the held ends in the same axes; None where free.
+        length_m: the rope's known length [m].
+        bridge_m: the longest stretch that counts as seen though nothing was read in it.
+    """
+    if start is not None:
+        strands = _cut_before(strands, start)
+    if end is not None:
+        strands = _turned(_cut_before(_turned(strands), Anchor(end.place_m, -end.tangent)))
+    pieces = _pieces(_without_overlap(strands), start, end, bridge_m)
+    points, pixel = (
+        np.concatenate([getattr(piece, name) for piece in pieces]) for name in ("points_m", "pixel")
+    )
+    seen = np.concatenate([piece.seen for piece in pieces])
+    hidden = np.repeat([piece.hidden for piece in pieces], [len(piece.seen) for piece in pieces])
+    step = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    measured = float(step.sum())
+    fitted = abs(measured - length_m) <= LARGEST_MISFIT * length_m
+    if fitted:
+        step = _fitted(step, hidden[1:] | hidden[:-1], length_m)
+    s = np.concatenate([[0.0], np.cumsum(step)])
+    if start is None and end is not None and not fitted:
+        s += length_m - s[-1]
+    return Axis(s, points, seen, pixel, measured, fitted)
+
+
+@dataclass(frozen=True)
+class _Piece:
+    points_m: Floats
+    pixel: Floats
+    seen: NDArray[np.bool_]
+    hidden: bool
+
+
+def _pieces(strands: list[Strand], start: Anchor | None, end: Anchor | None, bridge_m: float) -> list[_Piece]:
+    """Strands and the bridges between them, from held end to held end."""
+    pieces: list[_Piece] = []
+    if start is not None:
+        first = strands[0]
+        anchor = _beside(start, first.points_m[0])
+        pieces.append(
+            _bridge(anchor, start.tangent, first.points_m[0], _heading(first, 0), bridge_m, keep="first")
+        )
+    for number, strand in enumerate(strands):
+        if number:
+            last = strands[number - 1]
+            pieces.append(
+                _bridge(
+                    last.points_m[-1], _heading(last, -1), strand.points_m[0], _heading(strand, 0), bridge_m
+                )
+            )
+        pieces.append(_Piece(strand.points_m, strand.pixel, strand.seen, hidden=False))
+    if end is not None:
+        last = strands[-1]
+        anchor = _beside(end, last.points_m[-1])
+        pieces.append(
+            _bridge(last.points_m[-1], _heading(last, -1), anchor, end.tangent, bridge_m, keep="last")
+        )
+    return pieces
+
+
+def _beside(anchor: Anchor, tip: Floats) -> Floats:
+    """Where the rope ends, as the camera sees it: a held end close to the tip only says how far along.
+
+    The rope is straight there, and a camera's pose is known to some millimetres only.
+    """
+    offset = tip - anchor.place_m
+    if np.linalg.norm(offset) > STRAIGHT_M:
+        return anchor.place_m
+    place: Floats = tip - float(offset @ anchor.tangent) * anchor.tangent
+    return place
+
+
+def _bridge(
+    here: Floats, heading: Floats, there: Floats, arriving: Floats, bridge_m: float, keep: str = ""
+) -> _Piece:
+    """A cubic from one place and direction to another; its outermost point stays where it is an end."""
+    gap = float(np.linalg.norm(there - here))
+    curve = CubicHermiteSpline([0.0, 1.0], [here, there], [gap * heading, gap * arriving])
+    share = np.linspace(0.0, 1.0, max(int(gap / BRIDGE_STEP_M), 1) + 1)
+    share = share[0 if keep == "first" else 1 : len(share) if keep == "last" else -1]
+    points = np.asarray(curve(share), dtype=np.float64).reshape(-1, 3)
+    seen = np.full(len(points), gap <= bridge_m)
+    return _Piece(points, np.full((len(points), 2), np.nan), seen, hidden=gap > bridge_m)
+
+
+def _heading(strand: Strand, at: int) -> Floats:
+    """Unit direction (3,) of the rope at the first (0) or last (-1) sample of a strand."""
+    back = min(BACK_SAMPLES, len(strand.points_m) - 1)
+    step = (
+        strand.points_m[back] - strand.points_m[0]
+        if at == 0
+        else strand.points_m[-1] - strand.points_m[-1 - back]
+    )
+    unit: Floats = step / max(float(np.linalg.norm(step)), 1e-12)
+    return unit
+
+
+def _without_overlap(strands: list[Strand]) -> list[Strand]:
+    """Let each strand begin where the one before ends: at a cut fork both go on a little into the cut."""
+    apart = strands[:1]
+    for strand in strands[1:]:
+        last = apart[-1]
+        offset = strand.points_m - last.points_m[-1]
+        behind = (offset @ _heading(last, -1) <= 0) & (np.linalg.norm(offset, axis=1) < OVERLAP_M)
+        cut = int(np.argmin(behind)) if not behind.all() else len(behind) - 2
+        apart.append(_from(strand, min(cut, len(strand.seen) - 2)))
+    return apart
+
+
+def _from(strand: Strand, first: int) -> Strand:
+    return replace(
+        strand, pixel=strand.pixel[first:], points_m=strand.points_m[first:], seen=strand.seen[first:]
+    )
+
+
+def _turned(strands: list[Strand]) -> list[Strand]:
+    return [strand.turned() for strand in strands[::-1]]
+
+
+def _cut_before(strands: list[Strand], anchor: Anchor) -> list[Strand]:
+    """Leave out what lies before a held start: the rope's tail on the other side of the clamp."""
+    first = strands[0]
+    offset = first.points_m - anchor.place_m
+    distance = np.linalg.norm(offset, axis=1)
+    nearest = int(np.argmin(distance))
+    before = offset @ anchor.tangent < 0
+    before[nearest + 1 :] = False
+    if distance[nearest] > STRAIGHT_M or not before.any():
+        return strands
+    cut = int(np.flatnonzero(before)[-1]) + 1
+    if len(first.points_m) - cut < 2:
+        return strands
+    return [_from(first, cut), *strands[1:]]
+
+
+def _fitted(step: Floats, hidden: NDArray[np.bool_], length_m: float) -> Floats:
+    """Steps (M - 1,) that add up to the known length, each changed in proportion to what it may be off."""
+    hidden_m, seen_m = float(step[hidden].sum()), float(step[~hidden].sum())
+    doubt = np.array([(HIDDEN_DOUBT * hidden_m) ** 2, (SEEN_DOUBT * seen_m) ** 2])
+    share = doubt / max(float(doubt.sum()), 1e-300)
+    rest = length_m - hidden_m - seen_m
+    factor = np.ones(len(step))
+    if hidden_m > 0:
+        factor[hidden] += rest * share[0] / hidden_m
+    if seen_m > 0:
+        factor[~hidden] += rest * share[1] / seen_m
+    changed: Floats = step * factor
+    return changed

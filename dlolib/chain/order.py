@@ -1,0 +1,114 @@
+"""Which stretch follows which: the visible stretches of a rope, put in order from its start to its end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlolib.chain.lift import Strand
+from dlolib.types import Floats
+
+MOST_STRANDS = 8
+TURN_M = 0.05
+SKIP = 2.0
+DIRECTION_SAMPLES = 10
+BLUR_M = 0.004
+
+
+@dataclass(frozen=True)
+class Anchor:
+    """A held end: its position [m] (3,) and the direction (3,) in which the rope leaves or enters it."""
+
+    place_m: Floats
+    tangent: Floats
+
+
+def in_order(strands: list[Strand], start: Anchor | None, end: Anchor | None) -> list[Strand]:
+    """Order the strands along the rope and turn each to run from start to end.
+
+    The best order is found exactly (the Held-Karp recursion over subsets): least total of what lies
+    between, counted as the distance plus a price for turning, where leaving a strand out costs twice its
+    length. The held ends are known; with both ends free the direction is arbitrary. Anchors and strands
+    are in the same axes.
+    """
+    strands = sorted(strands, key=length, reverse=True)[:MOST_STRANDS]
+    if not strands:
+        return []
+    places, outward = _tips(strands)
+    count = len(strands)
+    between = np.array([[_link(places, outward, a, b) for b in range(2 * count)] for a in range(2 * count)])
+    opening = [
+        0.0 if start is None else _price(start.place_m, start.tangent, places[e], -outward[e])
+        for e in range(2 * count)
+    ]
+    closing = [
+        0.0 if end is None else _price(places[e], outward[e], end.place_m, end.tangent)
+        for e in range(2 * count)
+    ]
+    exits = _held_karp(between, opening, closing, [SKIP * length(strand) for strand in strands])
+    return [strands[e // 2] if e % 2 else strands[e // 2].turned() for e in exits]
+
+
+def length(strand: Strand) -> float:
+    """Length [m] of a strand's polyline."""
+    return float(np.linalg.norm(np.diff(strand.points_m, axis=0), axis=1).sum())
+
+
+def _tips(strands: list[Strand]) -> tuple[Floats, Floats]:
+    """Places (2S, 3) and outward directions (2S, 3) of all tips: 2k the first, 2k + 1 the last of k."""
+    places, outward = [], []
+    for strand in strands:
+        back = min(DIRECTION_SAMPLES, len(strand.points_m) - 1)
+        for tip, inner in ((0, back), (-1, -1 - back)):
+            places.append(strand.points_m[tip])
+            outward.append(_unit(strand.points_m[tip] - strand.points_m[inner]))
+    return np.array(places), np.array(outward)
+
+
+def _link(places: Floats, outward: Floats, leave: int, enter: int) -> float:
+    if leave // 2 == enter // 2:
+        return np.inf
+    return _price(places[leave], outward[leave], places[enter], -outward[enter])
+
+
+def _price(here: Floats, heading: Floats, there: Floats, arriving: Floats) -> float:
+    """Price [m] of going from one place and direction to another: the way, and the turning on it."""
+    gap = there - here
+    way = _unit(gap + BLUR_M * (heading + arriving))
+    turning = 2.0 - float(heading @ way) - float(way @ arriving)
+    return float(np.linalg.norm(gap)) + TURN_M * turning
+
+
+def _held_karp(between: Floats, opening: list[float], closing: list[float], skip: list[float]) -> list[int]:
+    """The tips through which the strands are left, in order, on the cheapest way."""
+    count = len(skip)
+    total = sum(skip)
+    cost: dict[tuple[int, int], float] = {}
+    before: dict[tuple[int, int], int] = {}
+    for tip in range(2 * count):
+        # A strand is entered through one tip and left through the other.
+        cost[1 << tip // 2, tip] = opening[tip ^ 1] - skip[tip // 2]
+    for used in range(1, 1 << count):
+        for tip in range(2 * count):
+            so_far = cost.get((used, tip))
+            if so_far is None:
+                continue
+            for leave in range(2 * count):
+                if used >> leave // 2 & 1:
+                    continue
+                state = (used | 1 << leave // 2, leave)
+                price = so_far + between[tip, leave ^ 1] - skip[leave // 2]
+                if price < cost.get(state, np.inf):
+                    cost[state], before[state] = price, tip
+    state = min(cost, key=lambda key: (cost[key] + closing[key[1]] + total, key))
+    exits = [state[1]]
+    while state in before:
+        state = (state[0] & ~(1 << state[1] // 2), before[state])
+        exits.append(state[1])
+    return exits[::-1]
+
+
+def _unit(vector: Floats) -> Floats:
+    unit: Floats = vector / max(float(np.linalg.norm(vector)), 1e-12)
+    return unit

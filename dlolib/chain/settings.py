@@ -1,0 +1,46 @@
+"""What can be set about the way from images to a chain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from dlolib.errors import ParameterError
+
+
+@dataclass(frozen=True)
+class ChainSettings:
+    """Settings of `extract_chain`.
+
+    points: n of Algorithm 1; the spacing l is length / (n - 1).
+    threshold: grey level from which a pixel is rope, 1 to 254; None finds it by Otsu's method.
+    min_contrast: how much brighter than the rest the rope must be on average, in grey levels, before
+        Otsu's threshold is believed.
+    edge_px: width of the band along the rope's outline where depth mixes with the background.
+    smooth_m: half of the shortest wave that depth may show along the rope; noise below it goes.
+    bridge_m: a hidden stretch up to this length is no gap. Longer ones leave a gap in the chain.
+    min_seen: the least part of the rope's length that must be seen in a frame.
+    """
+
+    points: int = 30
+    threshold: int | None = None
+    min_contrast: float = 40.0
+    edge_px: float = 1.5
+    smooth_m: float = 0.03
+    bridge_m: float = 0.006
+    min_seen: float = 0.2
+
+    def __post_init__(self) -> None:
+        checks = {
+            "points": (self.points >= 2, "2 or more"),
+            "threshold": (self.threshold is None or 1 <= self.threshold <= 254, "1 to 254, or null"),
+            "min_contrast": (0 < self.min_contrast <= 255, "above 0, up to 255"),
+            "edge_px": (self.edge_px >= 0, "0 or more"),
+            "smooth_m": (0 < self.smooth_m < 1, "above 0, below 1 m"),
+            "bridge_m": (0 <= self.bridge_m < 1, "0 or more, below 1 m"),
+            "min_seen": (0 < self.min_seen <= 1, "above 0, up to 1"),
+        }
+        for name, (good, valid) in checks.items():
+            if not good:
+                raise ParameterError(
+                    f"{getattr(self, name)} is out of range; valid: {valid}", place=f"chain.{name}"
+                )

@@ -1,0 +1,314 @@
+"""The console script `dlo`: one command a stage, over the same functions as stages/.
+
+Subpackages are imported inside the commands, so that `dlo --help` does not wait for Taichi or Open3D.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+from typer.exceptions import TyperException
+
+from dlolib.cli_values import RopeValues, parse_values, rope_values
+from dlolib.errors import DloError, ParameterError
+
+if TYPE_CHECKING:
+    from dlolib.identify import IdentifySettings
+    from dlolib.learn import LearnSettings
+    from dlolib.params import Params
+    from dlolib.sim.rod import Rod
+    from dlolib.types import Fit
+
+UNUSABLE, INTERRUPTED = 2, 130
+HELP = """A rope's stiffness from depth images, and motions that shape it without contact.
+
+A params.yaml in the working directory sets what its blocks name; without one the defaults hold.
+"""
+app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, help=HELP)
+
+Out = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder to write; replaced whole.")]
+Values = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="NAME=VALUE", help="A value of the rope, such as bending_stiffness=3e-4."),
+]
+FitFile = Annotated[Path | None, typer.Option("--fit", metavar="FILE", help="fit.json of `dlo identify`.")]
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run `dlo` and exit: 0 on success, 1 for a stopped motion, 2 with one line for unusable input."""
+    sys.exit(run(arguments))
+
+
+def run(arguments: Sequence[str] | None = None) -> int:
+    """Run `dlo` on the given arguments (those of the process by default) and return its exit status."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    try:
+        status = app(given or ["--help"], prog_name="dlo", standalone_mode=False)
+    except DloError as error:
+        return _refuse(str(error))
+    except TyperException as error:
+        return _refuse(f"{error.format_message().rstrip('.')}; see dlo --help")
+    except OSError as error:
+        return _refuse(f"{error.filename or '--out'}: {error.strerror}; correct the path or its permissions")
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    return status if isinstance(status, int) else 0
+
+
+@app.command()
+def ingest(
+    source: Annotated[Path, typer.Argument(help="A capture folder, with images or with clouds.")],
+    out: Out,
+    motion: Annotated[
+        Path | None, typer.Option("--motion", metavar="CSV", help="motion.csv, where it lies elsewhere.")
+    ] = None,
+    topic: Annotated[
+        list[str] | None, typer.Option("--topic", metavar="ROLE=NAME", help="Of a bag: which topic is what.")
+    ] = None,
+) -> None:
+    """Check every frame of a recorded capture and copy it: dlo-capture/1."""
+    from dlolib.captures import ingest as ingest_capture
+
+    if topic:
+        raise ParameterError("a capture folder has no topics", place="--topic", mend="leave it out")
+    index = ingest_capture(source, out, motion)
+    _say(f"{out}: {len(index.frame)} frames of {index.rope.name}, {index.t_s[-1] - index.t_s[0]:.3g} s")
+
+
+@app.command()
+def chain(
+    capture: Annotated[Path, typer.Argument(help="A capture folder.")],
+    out: Out,
+) -> None:
+    """Find the rope in every frame of a capture as a chain of points: dlo-recording/1."""
+    from dlolib.captures import open_capture
+    from dlolib.chain import ChainSettings, extract_chain
+    from dlolib.formats import write_recording
+
+    params = _params()
+    settings = ChainSettings() if params is None else ChainSettings(**params.chain.model_dump())
+    recording = extract_chain(open_capture(capture), settings).recording
+    write_recording(recording, out)
+    points = recording.points
+    _say(f"{out}: {len(points.s_m)} points in {len(set(points.frame.tolist()))} frames of {recording.name}")
+
+
+@app.command()
+def simulate(
+    recording: Annotated[Path, typer.Argument(help="A recording folder: its motion, times and arc lengths.")],
+    out: Out,
+    values: Values = None,
+    fit: FitFile = None,
+    quasi_static: Annotated[
+        Literal["true", "false"] | None,
+        typer.Option("--quasi-static", metavar="BOOL", help="In the place of what the recording says."),
+    ] = None,
+) -> None:
+    """Simulate a recording's points with a rod under the recording's own motion: dlo-recording/1."""
+    from dlolib.formats import read_fit, read_recording, write_recording
+    from dlolib.identify import particles_for
+    from dlolib.sim.recording import simulated
+
+    read = read_recording(recording)
+    known = rope_values(
+        read.rope, read.name, None if fit is None else read_fit(fit), parse_values(values or [])
+    )
+    static = read.quasi_static if quasi_static is None else quasi_static == "true"
+    given = replace(read, rope=known.rope, quasi_static=static)
+    settings = _identify_settings()
+    rod = _rod(known, particles_for(known.rope.length_m, settings))
+    write_recording(simulated(given, rod, settings.time_step_s, settings.sweeps), out)
+    _say(f"{out}: {len(given.points.s_m)} simulated points of {read.name}")
+
+
+@app.command()
+def identify(
+    recordings: Annotated[list[Path], typer.Argument(help="Recording folders, all of one object.")],
+    out: Out,
+) -> None:
+    """Identify a rope's stiffness from its recordings: fit.json, the loss curve, the shapes."""
+    from dlolib.formats import read_recording
+    from dlolib.identify import DescentSettings, descend, write_identified
+    from dlolib.identify import identify as fit_recordings
+
+    settings, params = _identify_settings(), _params()
+    given = [read_recording(folder) for folder in recordings]
+    found = fit_recordings(given, settings)
+    descended = None
+    if params is not None and params.identify.method == "gradient_descent":
+        descended = descend(given[0], DescentSettings(**params.identify.paper.model_dump()), settings)
+    write_identified(found, given, out, descended)
+    _say_fit(found.fit)
+
+
+@app.command()
+def learn(
+    layout: Annotated[Path, typer.Argument(help="A layout folder: the goal shape and the obstacles.")],
+    out: Out,
+    fit: FitFile = None,
+    values: Values = None,
+) -> None:
+    """Learn how to move the held end so that the rope reaches the goal shape without contact."""
+    from dlolib.formats import read_fit, read_layout
+    from dlolib.learn import learn as learn_layout
+    from dlolib.learn import write_learned
+
+    goal, settings = read_layout(layout), _learn_settings()
+    known = rope_values(
+        goal.rope, goal.name, None if fit is None else read_fit(fit), parse_values(values or [])
+    )
+    learned = learn_layout(replace(goal, rope=known.rope), _rod(known, settings.particles), settings)
+    write_learned(learned, out)
+    kept = learned.kept
+    clear = "" if learned.free else "; no path with the clearance asked for was found"
+    error, clearance = 1e3 * kept.goal.mean_m, 1e3 * kept.min_clearance_m
+    _say(f"{out}: mean goal error {error:.1f} mm, smallest clearance {clearance:.1f} mm{clear}")
+
+
+@app.command()
+def execute(
+    trajectory: Annotated[Path, typer.Argument(metavar="TRAJECTORY.csv", help="As `dlo learn` writes it.")],
+    out: Out,
+    host: Annotated[str | None, typer.Option("--host", help="The robot's address.")] = None,
+    layout: Annotated[
+        Path | None, typer.Option("--layout", metavar="LAYOUT", help="Run it in the virtual laboratory.")
+    ] = None,
+    robot: Annotated[
+        Path | None, typer.Option("--robot", metavar="robot.json", help="Where the robot stands; its limits.")
+    ] = None,
+) -> None:
+    """Run a trajectory on a robot (--host) or in the laboratory (--layout): log and result."""
+    if (host is None) == (layout is None):
+        raise ParameterError("a run needs one place", place="execute", mend="give --host or --layout")
+    if host is not None:
+        from dlolib.execute import execute_on_robot, read_robot
+
+        result = execute_on_robot(trajectory, host, read_robot(robot), out)
+        _say(f"{out / 'log.csv'}: {result.reason}")
+        raise typer.Exit(result.exit_status)
+    assert layout is not None
+    _execute_in_lab(trajectory, layout, out)
+
+
+def _execute_in_lab(trajectory: Path, layout: Path, out: Path) -> None:
+    """The laboratory alone needs MuJoCo: the other commands never import it."""
+    from dlolib.execute.laboratory import execute_in_lab
+    from dlolib.files import whole_folder
+    from dlolib.formats import read_layout, read_motion
+    from dlolib.lab.rope import LabRope
+
+    params = _params()
+    goal, motion = read_layout(layout), read_motion(trajectory)
+    if params is None:
+        execution = execute_in_lab(motion, goal, LabRope())
+    else:
+        rope = LabRope(**params.lab.rope.model_dump())
+        execution = execute_in_lab(motion, goal, rope, params.execute.laws)
+    with whole_folder(out) as folder:
+        execution.write(folder)
+    for law, outcome in execution.laws.items():
+        _say(f"{out}: {law} rope, mean goal error {1e3 * outcome.goal_error_m['mean']:.1f} mm")
+
+
+@app.command()
+def report(
+    out: Out,
+    results: Annotated[Path, typer.Argument(help="What the stages left behind.")] = Path("reports"),
+) -> None:
+    """Write report.html and report.pdf, with their numbers in report.json."""
+    from dlolib.report import build_report
+
+    params = _params()
+    page = build_report(
+        results,
+        out,
+        has_truth=params is None or params.ingest.source == "lab",
+        parameters=None if params is None else params.model_dump(mode="json"),
+    )
+    _say(str(page))
+
+
+def _params() -> Params | None:
+    """params.yaml of the working directory, whole and checked; None where there is none."""
+    from dlolib.params import PARAMS, load
+
+    return load() if PARAMS.is_file() else None
+
+
+def _rod(known: RopeValues, particles: int) -> Rod:
+    from dlolib.sim.recording import with_parameter
+    from dlolib.sim.rod import Rod
+
+    rod = Rod(known.rope, known.parameters["bending_stiffness"], known.parameters["torsional_stiffness"])
+    rod = rod.with_values(particles=particles)
+    for name, value in known.parameters.items():
+        rod = with_parameter(rod, name, value)
+    return rod
+
+
+def _identify_settings() -> IdentifySettings:
+    """Settings of identification and of the rod that it shares with simulation."""
+    from dlolib.identify import IdentifySettings
+
+    params = _params()
+    if params is None:
+        return IdentifySettings()
+    rod, block = params.rod, params.identify
+    return IdentifySettings(
+        particles=rod.particles,
+        longest_segment_m=rod.longest_segment_m,
+        time_step_s=rod.time_step_s,
+        sweeps=rod.sweeps if rod.solver == "iterative" else None,
+        parameters=None if block.parameters is None else tuple(block.parameters),
+        iterations=block.iterations,
+        bootstrap=block.bootstrap,
+        heldout_share=block.heldout_share,
+        seed=block.seed,
+    )
+
+
+def _learn_settings() -> LearnSettings:
+    """Settings of learning and of the rod that it drives."""
+    from dlolib.learn import LearnSettings
+
+    params = _params()
+    if params is None:
+        return LearnSettings()
+    block = params.learn
+    return LearnSettings(
+        **block.model_dump(exclude={"fit_of", "ablation", "bounds", "hidden"}),
+        particles=params.rod.particles,
+        hidden=(block.hidden[0], block.hidden[1]),
+        bounds=(
+            block.bounds.phi_rad,
+            block.bounds.s,
+            block.bounds.theta_rad,
+            block.bounds.dx_m,
+            block.bounds.dz_m,
+        ),
+    )
+
+
+def _say_fit(fit: Fit) -> None:
+    for name, value in fit.parameters.items():
+        low, high = ("?" if end is None else f"{end:.4g}" for end in (value.low, value.high))
+        _say(f"{name}: {value.value:.4g} {value.unit} (95 %: {low} to {high})")
+    _say(f"residual: {1e3 * fit.rmse_m:.2f} mm RMS a point")
+
+
+def _say(line: str) -> None:
+    print(line)
+
+
+def _refuse(line: str) -> int:
+    print(f"dlo: {' '.join(line.split())}", file=sys.stderr)
+    return UNUSABLE
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,78 @@
+"""What `--set` and `--fit` say about a rope, brought together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from dlolib.errors import ParameterError
+from dlolib.types import Estimate, Fit, Rope
+
+NAMES = ("bending_stiffness", "torsional_stiffness", "linear_density")
+RATIO = "_over_density"
+
+
+@dataclass(frozen=True)
+class RopeValues:
+    """A rope with its density, and the parameters of its rod by name; bending and torsional stiffness
+    [N m^2] are always among them (m^4/s^2 where the density is not known)."""
+
+    rope: Rope
+    parameters: Mapping[str, float]
+
+
+def parse_values(given: Sequence[str]) -> dict[str, float]:
+    """`NAME=VALUE` by name.
+
+    Raises:
+        ParameterError: an unknown name, text in a number's place, or a value that is not positive.
+    """
+    values: dict[str, float] = {}
+    for pair in given:
+        name, sign, text = pair.partition("=")
+        place = f"--set {pair}"
+        if name not in NAMES:
+            mend = f"valid are {', '.join(NAMES)}"
+            raise ParameterError(f"unknown name {name!r}", place=place, mend=mend)
+        try:
+            value = float(text)
+        except ValueError:
+            problem = f"{text!r} in a number's place" if sign else "no value"
+            raise ParameterError(problem, place=place, mend=f"write {name}=NUMBER") from None
+        if not 0 < value < float("inf"):
+            raise ParameterError(f"{text} is not a positive number", place=place, mend="give one above 0")
+        values[name] = value
+    return values
+
+
+def rope_values(rope: Rope, name: str, fit: Fit | None, values: Mapping[str, float]) -> RopeValues:
+    """The rope of the recording or layout `name` with a fit's parameters and, over them, given values.
+
+    The fit's nuisances apply to the recording that they are stored under. Stiffnesses over density are
+    multiplied by the rope's density, or stay where it is not known (it is then simulated as 1 kg/m).
+    A torsional stiffness that nothing tells equals the bending stiffness, as for a round solid rope to
+    within a third.
+
+    Raises:
+        ParameterError: no bending stiffness, or one in N m^2 for a rope of unknown density.
+    """
+    if "linear_density" in values:
+        rope = replace(rope, linear_density_kg_m=values["linear_density"])
+    parameters: dict[str, float] = {}
+    for key, estimate in _stored(fit, name).items():
+        stiffness = key.endswith("_stiffness")
+        if stiffness and rope.linear_density_kg_m is None:
+            problem = f"{key} is in {estimate.unit}, but the density of {rope.name} is not known"
+            raise ParameterError(problem, place="--fit", mend="give --set linear_density=VALUE")
+        ratio = (rope.linear_density_kg_m or 1.0) if key.endswith(RATIO) else 1.0
+        parameters[key.removesuffix(RATIO)] = estimate.value * ratio
+    parameters |= {key: value for key, value in values.items() if key != "linear_density"}
+    if "bending_stiffness" not in parameters:
+        mend = "give --set bending_stiffness=VALUE (N m^2) or --fit FILE"
+        raise ParameterError("no bending_stiffness is given", place=name, mend=mend)
+    parameters.setdefault("torsional_stiffness", parameters["bending_stiffness"])
+    return RopeValues(rope, parameters)
+
+
+def _stored(fit: Fit | None, name: str) -> dict[str, Estimate]:
+    return {} if fit is None else {**fit.parameters, **fit.nuisances.get(name, {})}

@@ -1,0 +1,192 @@
+"""The log of a run: the columns of ur_rtde's own recorder, and how far the robot kept to its path."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy.optimize import minimize_scalar
+from scipy.spatial import KDTree
+
+from dlolib.errors import FormatError
+from dlolib.execute.path import sampled
+from dlolib.execute.recorded import columns
+from dlolib.files import write_csv, write_json
+from dlolib.formats import interpolate_motion
+from dlolib.types import Floats, Motion
+
+LOG_DIGITS = 12
+SEARCH_S = 0.05
+LARGEST_LAG_S = 0.5
+CURVE_STEP_M = 2e-5
+ROUNDING_M = 1e-9
+FAR_M = 1e3
+
+
+@dataclass(frozen=True)
+class ExecutionResult:
+    """What came of a run; `result.json` holds the same.
+
+    completed: whether the end of the trajectory was reached. reason: why it ended, for a person.
+    samples: rows of the log. tracking_error_m: root mean square distance [m] between the recorded tool
+    and the path at equal time, None where nothing was streamed. path_error_m: largest distance [m] of the
+    recorded tool from the path, whatever the time. lag_s: the delay [s] that explains most of the
+    tracking error. streamed_from_s: the controller's time [s] when the path began.
+    """
+
+    completed: bool
+    reason: str
+    samples: int
+    tracking_error_m: float | None
+    path_error_m: float | None = None
+    lag_s: float | None = None
+    streamed_from_s: float | None = None
+
+    @property
+    def exit_status(self) -> int:
+        """0 where the trajectory was completed, 1 where the motion was stopped."""
+        return 0 if self.completed else 1
+
+
+@dataclass(frozen=True)
+class RobotLog:
+    """Controller times [s] (N,), recorded and demanded tool poses (N, 6), and what result.json says."""
+
+    t_s: Floats
+    actual: Floats
+    target: Floats
+    result: dict[str, Any]
+
+
+def without_repeats(raw: Path) -> pd.DataFrame:
+    """The recorder's file with one row a controller time: it free-runs, so samples repeat.
+
+    A torn last line (the recorder was cut off) is left out.
+    """
+    table = pd.read_csv(raw, on_bad_lines="skip", dtype=str, na_filter=False)
+    numbers = pd.DataFrame({name: pd.to_numeric(table[name], errors="coerce") for name in table}).dropna()
+    once = numbers[numbers["timestamp"] > 0].drop_duplicates("timestamp", keep="first")
+    return once.sort_values("timestamp", kind="stable").reset_index(drop=True)
+
+
+def write_log(table: pd.DataFrame, out: Path) -> None:
+    """Write log.csv into the folder `out`."""
+    write_csv(out / "log.csv", table, digits=LOG_DIGITS)
+
+
+def write_result(result: ExecutionResult, out: Path, **more: Any) -> None:
+    """Write result.json into the folder `out`; `more` are further keys."""
+    write_json(out / "result.json", {**asdict(result), **more})
+
+
+def read_log(folder: Path) -> RobotLog:
+    """Read log.csv, and result.json where there is one, from a folder that a run with --host wrote.
+
+    Raises:
+        FormatError: names file, place and mend.
+    """
+    file = Path(folder) / "log.csv"
+    if not file.is_file():
+        raise FormatError(
+            "no log.csv here", file=folder, mend="give a folder that `dlo execute --host` wrote"
+        )
+    try:
+        table = pd.read_csv(file)
+    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
+        raise FormatError(f"is no table: {error}", file=file, mend="record it again") from error
+    lacking = [name for name in columns({"timestamp": 1, "actual_TCP_pose": 6}) if name not in table]
+    if lacking:
+        raise FormatError(f"no column {lacking[0]}", file=file, mend="record timestamp and actual_TCP_pose")
+    t_s = _numbers(table, ["timestamp"], file)[:, 0]
+    if (bad := np.flatnonzero(np.diff(t_s) <= 0)).size:
+        place = f"line {int(bad[0]) + 3}, column timestamp"
+        raise FormatError("does not rise", file=file, place=place, mend="remove repeated samples")
+    actual = _numbers(table, columns({"actual_TCP_pose": 6}), file)
+    targets = columns({"target_TCP_pose": 6})
+    target = _numbers(table, targets, file) if set(targets) <= set(table) else np.full_like(actual, np.nan)
+    return RobotLog(t_s, actual, target, _result(Path(folder) / "result.json"))
+
+
+def evaluate(log: RobotLog, path: Motion) -> ExecutionResult:
+    """Compare a log with the path in the base frame that it should have followed.
+
+    Without a result.json the log is taken to be of a completed run, and the start that fits best as the
+    start of the path.
+    """
+    said = log.result
+    start = said.get("streamed_from_s")
+    completed, reason = bool(said.get("completed", True)), str(said.get("reason", "recorded elsewhere"))
+    streamed = said == {} or start is not None
+    if not streamed or len(log.t_s) < 2:
+        return ExecutionResult(completed, reason, len(log.t_s), None)
+    began = best_start(log, path) if start is None else float(start)
+    error = tracking_error(log, path, began)
+    if error is None:
+        return ExecutionResult(completed, reason, len(log.t_s), None)
+    lag = _least(log, path, (began, began + LARGEST_LAG_S)) - began
+    return ExecutionResult(completed, reason, len(log.t_s), error, path_error(log, path, began), lag, began)
+
+
+def tracking_error(log: RobotLog, path: Motion, start_s: float) -> float | None:
+    """Root mean square distance [m] of the recorded tool from the path at equal time.
+
+    The path runs from the controller's time start_s [s]; samples before it and after its end are left
+    out. None where none is left.
+    """
+    t_s = log.t_s - start_s + path.t_s[0]
+    during = (t_s >= path.t_s[0]) & (t_s <= path.t_s[-1])
+    if not during.any():
+        return None
+    away = log.actual[during, :3] - interpolate_motion(path, t_s[during]).end_m
+    return float(np.sqrt(np.mean(np.sum(away**2, axis=1))))
+
+
+def path_error(log: RobotLog, path: Motion, start_s: float) -> float:
+    """Largest distance [m] of the recorded tool from the path as a curve, from start_s [s] on."""
+    longest_m = float(np.linalg.norm(np.diff(sampled(path, SEARCH_S)[:, :3], axis=0), axis=1).max())
+    curve = sampled(path, SEARCH_S * min(1.0, CURVE_STEP_M / max(longest_m, ROUNDING_M)))
+    away, _ = KDTree(curve[:, :3]).query(log.actual[log.t_s >= start_s, :3])
+    return float(np.max(away))
+
+
+def best_start(log: RobotLog, path: Motion) -> float:
+    """The start [s] of the whole path, in the controller's time, that fits the log best."""
+    latest = max(log.t_s[-1] - (path.t_s[-1] - path.t_s[0]), log.t_s[0]) + SEARCH_S
+    tries = np.arange(log.t_s[0] - SEARCH_S, latest, SEARCH_S)
+    errors = [tracking_error(log, path, float(start)) for start in tries]
+    coarse = float(tries[int(np.argmin([FAR_M if error is None else error for error in errors]))])
+    return _least(log, path, (coarse - SEARCH_S, coarse + SEARCH_S))
+
+
+def _least(log: RobotLog, path: Motion, between: tuple[float, float]) -> float:
+    """The start [s] between two of least tracking error."""
+
+    def error(start: float) -> float:
+        value = tracking_error(log, path, float(start))
+        return FAR_M if value is None else value
+
+    return float(minimize_scalar(error, bounds=between, method="bounded", options={"xatol": 1e-4}).x)
+
+
+def _numbers(table: pd.DataFrame, names: list[str], file: Path) -> Floats:
+    cells = [pd.to_numeric(table[name], errors="coerce") for name in names]
+    values = np.stack([np.asarray(column, dtype=np.float64) for column in cells], axis=1)
+    if not np.isfinite(values).all():
+        row, column = (int(index) for index in np.argwhere(~np.isfinite(values))[0])
+        place = f"line {row + 2}, column {names[column]}"
+        raise FormatError("is no finite number", file=file, place=place, mend="remove the row")
+    return values
+
+
+def _result(file: Path) -> dict[str, Any]:
+    if not file.is_file():
+        return {}
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise FormatError(f"is not JSON: {error}", file=file, mend="remove it or run again") from error
+    return content if isinstance(content, dict) else {}

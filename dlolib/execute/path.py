@@ -1,0 +1,120 @@
+"""The trajectory as the robot's tool path, and every check that it must pass before the first motion."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from dlolib.errors import MotionRefused
+from dlolib.execute.limits import LOOKAHEAD_S, ROUNDING, Limits, RobotConfig, outside
+from dlolib.execute.stream import turn_between
+from dlolib.formats.motion import interpolate_motion
+from dlolib.types import Floats, Motion
+
+
+def path_in_base(motion: Motion, config: RobotConfig) -> Motion:
+    """The trajectory with its end as the pose of the tool (TCP) in the robot's base frame.
+
+    tool = base_from_world · grasp · tool_from_grasp⁻¹; times are stretched by config.time_scale. Signs of
+    the quaternions stay as stored.
+
+    Raises:
+        MotionRefused: fewer than two rows, or a free moved end.
+    """
+    if len(motion.t_s) < 2:
+        raise MotionRefused("the trajectory has fewer than two rows", mend="give the whole motion")
+    if not np.isfinite(motion.end_m).all() or not np.isfinite(motion.end_q).all():
+        raise MotionRefused("the moved end has no pose", place="columns end_*", mend="give it in every row")
+    base_from_world, tool_from_grasp = config.matrices()
+    grasp_from_tool = np.linalg.inv(tool_from_grasp)
+    grasp = Rotation.from_quat(motion.end_q, scalar_first=True)
+    base = Rotation.from_matrix(base_from_world[:3, :3])
+    turn = base * grasp * Rotation.from_matrix(grasp_from_tool[:3, :3])
+    world_m = motion.end_m + grasp.apply(grasp_from_tool[:3, 3])
+    tool_m = base.apply(world_m) + base_from_world[:3, 3]
+    t_s = motion.t_s[0] + config.time_scale * (motion.t_s - motion.t_s[0])
+    quaternion = np.asarray(turn.as_quat(scalar_first=True), dtype=np.float64)
+    return Motion(t_s, motion.start_m, motion.start_q, np.asarray(tool_m, dtype=np.float64), quaternion)
+
+
+def tool_vectors(path: Motion) -> Floats:
+    """Poses as the controller takes them, shape (T, 6): position [m], rotation vector [rad]."""
+    turn = Rotation.from_quat(path.end_q, scalar_first=True).as_rotvec()
+    return np.hstack([path.end_m, turn])
+
+
+def sampled(path: Motion, period_s: float) -> Floats:
+    """The path every period_s [s] from its first row to its last, as `tool_vectors` (N, 6)."""
+    steps = int(np.ceil((path.t_s[-1] - path.t_s[0]) / period_s - ROUNDING))
+    return tool_vectors(interpolate_motion(path, path.t_s[0] + period_s * np.arange(steps + 1)))
+
+
+def check_path(path: Motion, limits: Limits, file: Path | None = None) -> None:
+    """Refuse a tool path that leaves the workspace or the reach, is too fast, or sampled too coarsely.
+
+    Args:
+        path: from `path_in_base`.
+        limits: of the robot.
+        file: the trajectory's file, named in the refusal.
+
+    Raises:
+        MotionRefused: names the first offending row, its time, the value, the limit and the mend.
+    """
+    _check_place(path, limits, file)
+    _check_steps(path, limits, file)
+    _check_acceleration(path, limits, file)
+
+
+def _refuse(path: Motion, row: int, problem: str, mend: str, file: Path | None) -> MotionRefused:
+    place = f"row {row + 1} (line {row + 2}, t_s = {path.t_s[row]:g})"
+    return MotionRefused(problem, file=file, place=place, mend=mend)
+
+
+def _check_place(path: Motion, limits: Limits, file: Path | None) -> None:
+    if (problem := outside(path.end_m, limits)) is not None:
+        row, what = problem
+        mend = "correct base_from_world or the trajectory, or widen the limit in robot.json"
+        raise _refuse(path, row, what, mend, file)
+
+
+def _check_steps(path: Motion, limits: Limits, file: Path | None) -> None:
+    poses = tool_vectors(path)
+    gap_s = np.diff(path.t_s)
+    if (bad := np.flatnonzero(~(gap_s > 0))).size:
+        raise _refuse(path, int(bad[0]) + 1, "t_s does not rise", "sort the rows by t_s", file)
+    move_m = np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1)
+    turn_rad = turn_between(poses[:-1, 3:], poses[1:, 3:])
+    slower = "run it slower (time_scale in robot.json)"
+    finer = "sample the trajectory more finely"
+    for value, limit, unit, what, mend in (
+        (move_m / gap_s, limits.speed_m_s, "m/s", "the tool moves at", slower),
+        (turn_rad / gap_s, limits.angular_speed_rad_s, "rad/s", "the tool turns at", slower),
+        (move_m, limits.step_m, "m", "the step to this row is", finer),
+        (turn_rad, limits.step_rad, "rad", "the turn to this row is", finer),
+    ):
+        bad = np.flatnonzero(value > limit * (1 + ROUNDING))
+        if bad.size:
+            row = int(bad[0])
+            problem = f"{what} {value[row]:.3g} {unit}, the limit is {limit:g} {unit}"
+            raise _refuse(path, row + 1, problem, mend, file)
+
+
+def _check_acceleration(path: Motion, limits: Limits, file: Path | None) -> None:
+    """Second difference of the position over the look-ahead, at rest before and after the path.
+
+    A path of straight pieces has unbounded acceleration at its rows; what reaches the arm is what the
+    servo's look-ahead leaves of it.
+    """
+    steps = int(np.ceil((path.t_s[-1] - path.t_s[0]) / LOOKAHEAD_S * 10)) + 31
+    times = path.t_s[0] - 1.5 * LOOKAHEAD_S + LOOKAHEAD_S / 10 * np.arange(steps)
+    places = [interpolate_motion(path, times + shift * LOOKAHEAD_S).end_m for shift in (-1, 0, 1)]
+    value = np.linalg.norm(places[0] - 2 * places[1] + places[2], axis=1) / LOOKAHEAD_S**2
+    bad = np.flatnonzero(value > limits.acceleration_m_s2 * (1 + 1e-6))
+    if bad.size:
+        at = int(bad[0])
+        row = int(np.clip(np.searchsorted(path.t_s, times[at]), 0, len(path.t_s) - 1))
+        limit = limits.acceleration_m_s2
+        problem = f"the tool accelerates at {value[at]:.3g} m/s^2, the limit is {limit:g} m/s^2"
+        raise _refuse(path, row, problem, "run it slower (time_scale in robot.json) or smooth it", file)

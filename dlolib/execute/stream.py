@@ -1,0 +1,162 @@
+"""Moves a connected robot along a checked path, and ends the motion on the first sign of trouble."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from dlolib.errors import MotionRefused
+from dlolib.execute.limits import Limits, outside
+from dlolib.execute.robots.base import Robot
+from dlolib.progress import track
+from dlolib.types import Floats
+
+ARRIVED_M, ARRIVED_RAD = 5e-4, 5e-3
+POLL_S = 0.02
+PATIENCE = 3.0
+PATIENCE_S = 5.0
+SETTLE_S = 2.0
+CHECKED_POSES = 60
+MOVE = "move the path or the base"
+DONE = "the end of the trajectory was reached"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a motion ended, and the controller's time [s] when the path began, None where it did not."""
+
+    completed: bool
+    reason: str
+    streamed_from_s: float | None
+
+
+def check_robot(robot: Robot, poses: Floats, limits: Limits) -> None:
+    """Everything that only the robot can tell; nothing moves.
+
+    Args:
+        robot: connected, not yet armed; it is armed here.
+        poses: rows of the path (T, 6), in the base frame.
+        limits: of the robot.
+
+    Raises:
+        MotionRefused: it is stopped or not running, stands outside the limits (the way to the first pose
+            is straight, box and reach are convex, so its two ends decide), or forbids a pose itself.
+    """
+    if (problem := robot.trouble()) is not None:
+        raise MotionRefused(problem, place="the robot", mend="clear it on the pendant, then try again")
+    if (left := outside(robot.pose()[None, :3], limits)) is not None:
+        raise MotionRefused(left[1], place="where the robot stands", mend="jog it to the trajectory's start")
+    robot.arm()
+    rows = np.unique(np.linspace(0, len(poses) - 1, CHECKED_POSES).round().astype(int))
+    if (forbidden := robot.forbids(poses[rows])) is not None:
+        row, why = forbidden
+        raise MotionRefused(f"the pose is outside {why}", place=f"row {rows[row] + 1}", mend=MOVE)
+    if limits.joints_rad is not None:
+        _check_joints(robot, poses, rows.tolist(), np.array(limits.joints_rad))
+
+
+def _check_joints(robot: Robot, poses: Floats, rows: list[int], joints_rad: Floats) -> None:
+    near: Floats | None = None
+    for row in rows:
+        near = robot.joints(poses[row], near)
+        if near.shape != (6,) or not np.isfinite(near).all():
+            raise MotionRefused("no joint angles reach it", place=f"row {row + 1}", mend=MOVE)
+        bad = np.flatnonzero((near < joints_rad[0]) | (near > joints_rad[1]))
+        if bad.size:
+            joint = int(bad[0])
+            problem = f"joint {joint + 1} at {near[joint]:.3f} rad leaves {joints_rad[:, joint].tolist()}"
+            raise MotionRefused(problem, place=f"row {row + 1}", mend=f"{MOVE}, or widen joints_rad")
+
+
+def drive(
+    robot: Robot,
+    path: Floats,
+    limits: Limits,
+    interrupted: threading.Event,
+    begins: Callable[[float], None],
+) -> Outcome:
+    """Approach the first pose slowly, stream the path, wait for the arm to arrive; then stop it in any case.
+
+    Args:
+        robot: armed and checked.
+        path: poses one controller period apart (N, 6).
+        limits: speeds and accelerations.
+        interrupted: set to end the motion.
+        begins: told the controller's time [s] when the path begins.
+    """
+    began: float | None = None
+    try:
+        reason = _approach(robot, path[0], limits, interrupted)
+        if reason is None:
+            began = robot.clock_s()
+            begins(began)
+            reason = _stream(robot, path, interrupted) or _settle(robot, path[-1], interrupted)
+    finally:
+        robot.stop(limits.acceleration_m_s2)
+    return Outcome(reason is None, reason or DONE, began)
+
+
+def _stopped(robot: Robot, interrupted: threading.Event, taken: bool) -> str | None:
+    """Why to stop now, or None. `taken`: whether the robot took the last command."""
+    if (problem := robot.trouble()) is not None:
+        return problem
+    if interrupted.is_set():
+        return "interrupted (Ctrl-C)"
+    return None if taken else "the robot did not take the command"
+
+
+def _approach(robot: Robot, first: Floats, limits: Limits, interrupted: threading.Event) -> str | None:
+    if (reason := _stopped(robot, interrupted, True)) is not None:
+        return reason
+    distance_m = float(np.linalg.norm(robot.pose()[:3] - first[:3]))
+    turn_rad = float(turn_between(robot.pose()[3:], first[3:]))
+    speed = limits.approach_speed_m_s
+    seconds = distance_m / speed + turn_rad / limits.angular_speed_rad_s
+    until = time.monotonic() + PATIENCE * seconds + PATIENCE_S
+    taken = robot.approach(first, speed, limits.acceleration_m_s2)
+    while (reason := _stopped(robot, interrupted, taken)) is None:
+        if _arrived(robot, first):
+            return None
+        if time.monotonic() > until:
+            return "the robot did not arrive at the trajectory's first pose"
+        time.sleep(POLL_S)
+        taken = robot.keep_alive()
+    return reason
+
+
+def _stream(robot: Robot, path: Floats, interrupted: threading.Event) -> str | None:
+    """One pose a period, never two: a late computer makes the motion later, not faster."""
+    for pose in track(path, "moving the robot", total=len(path)):
+        taken = robot.servo(pose)
+        if (reason := _stopped(robot, interrupted, taken)) is not None:
+            return reason
+    return None
+
+
+def _settle(robot: Robot, last: Floats, interrupted: threading.Event) -> str | None:
+    """Hold the last pose until the arm, which follows with a delay, is there."""
+    until = time.monotonic() + SETTLE_S
+    while not _arrived(robot, last):
+        if (reason := _stopped(robot, interrupted, robot.servo(last))) is not None:
+            return reason
+        if time.monotonic() > until:
+            away = 1e3 * float(np.linalg.norm(robot.pose()[:3] - last[:3]))
+            return f"the robot stayed {away:.1f} mm away from the trajectory's end"
+    return None
+
+
+def _arrived(robot: Robot, goal: Floats) -> bool:
+    pose = robot.pose()
+    near = float(np.linalg.norm(pose[:3] - goal[:3])) < ARRIVED_M
+    return near and float(turn_between(pose[3:], goal[3:])) < ARRIVED_RAD
+
+
+def turn_between(first: Floats, second: Floats) -> Floats:
+    """Angles [rad] between rotation vectors (..., 3) and (..., 3)."""
+    between = Rotation.from_rotvec(first).inv() * Rotation.from_rotvec(second)
+    return np.asarray(between.magnitude(), dtype=np.float64)

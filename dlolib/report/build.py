@@ -1,0 +1,101 @@
+"""From the results of the stages to report.json, report.html and report.pdf."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from matplotlib import rc_context
+
+from dlolib.errors import DloError
+from dlolib.files import whole_file, whole_folder, write_json
+from dlolib.progress import track
+from dlolib.report.headline import headline
+from dlolib.report.model import as_json, numbered
+from dlolib.report.render import render_html, render_pdf
+from dlolib.report.results import CAPTURED, Results
+from dlolib.report.sections import SECTIONS
+from dlolib.report.style import STYLE
+
+LARGEST_BYTES = 5_000_000
+
+
+def build_report(
+    results: Path,
+    out: Path,
+    *,
+    data: Path | None = None,
+    has_truth: bool = True,
+    parameters: Mapping[str, Any] | None = None,
+) -> Path:
+    """Write report.json, report.html, report.pdf and figures/ into `out`; the same bytes at every run.
+
+    Args:
+        results: what the stages left: identify/, learn/, execute/, cables.json, elastic.json.
+        out: the folder to write to; it may be `results` itself.
+        data: captures, recordings, layouts and truth; by default data/ beside `results`.
+        has_truth: False where data/truth does not belong to this capture (a capture of the user's own).
+        parameters: the pipeline's parameters, block by block, for the last section.
+
+    Returns:
+        The path of report.html.
+
+    Raises:
+        DloError: `results` is no folder, or one of its files cannot be read.
+    """
+    results, out = Path(results), Path(out)
+    if not results.is_dir():
+        raise DloError("no such folder", file=results, mend="name the folder with the stages' results")
+    beside = Path(os.path.normpath(results / ".." / "data"))
+    source = Results(results, beside if data is None else Path(data), has_truth, parameters)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".report.", dir=out.parent) as name:
+        work = Path(name)
+        report = collect(source, work / "figures")
+        page, document = render_html(report, work), render_pdf(report, work)
+        if len(page.encode()) > LARGEST_BYTES:
+            problem = f"the page would have {len(page) / 1e6:.1f} MB, more than 5"
+            raise DloError(
+                problem, file=out / "report.html", mend=("report fewer recordings or layouts at once")
+            )
+        with whole_folder(out / "figures") as figures:
+            for path in sorted((work / "figures").iterdir()):
+                path.rename(figures / path.name)
+    write_json(out / "report.json", report)
+    with whole_file(out / "report.pdf") as temporary:
+        temporary.write_bytes(document)
+    with whole_file(out / "report.html") as temporary:
+        temporary.write_text(page, encoding="utf-8")
+    return out / "report.html"
+
+
+def collect(results: Results, figures: Path) -> dict[str, Any]:
+    """Gather the content of a report and draw its figures into `figures`.
+
+    Returns:
+        What report.json holds: format, title, kicker, subtitle, headline (`dlolib.report.headline`) and
+        sections, each with its blocks (`dlolib.report.model`); paths of figures are relative to the report.
+    """
+    figures.mkdir(parents=True, exist_ok=True)
+    with rc_context(STYLE):
+        sections = [section(results, figures) for section in track(SECTIONS, "report")]
+    return {
+        "format": "dlo-report/1",
+        "title": _title(results),
+        "kicker": "dlolib report",
+        "subtitle": (
+            "From depth images of a rope to its stiffness, and from its stiffness to motions that shape "
+            "it without contact."
+        ),
+        "headline": headline(results),
+        "sections": as_json(numbered(tuple(sections))),
+    }
+
+
+def _title(results: Results) -> str:
+    rope = results.captured.rope.name if results.captured is not None else ""
+    named = rope or (results.recordings[0] if results.recordings else CAPTURED)
+    return f"Stiffness and shaping of a rope: {named.replace('_', ' ')}"

@@ -1,0 +1,167 @@
+"""What the stages left behind, as the report reads it. What is not there reads as None, never as an error."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from dlolib.errors import FormatError
+from dlolib.formats import read_capture_index, read_fit, read_layout, read_recording
+from dlolib.formats.recording import points_table
+from dlolib.report.measures import ChainError, chain_error
+from dlolib.types import CaptureIndex, Fit, Floats, Layout, Recording
+
+CAPTURED = "captured"
+"""The recording that the chain stage makes of the capture; the others were recorded elsewhere."""
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What only the report may know of the laboratory: the laws, and the true axis at each frame.
+
+    t_s (F,), xyz_m (F, M, 3) [m], s_m (M,) [m].
+    """
+
+    laws: Mapping[str, Any]
+    t_s: Floats
+    xyz_m: Floats
+    s_m: Floats
+
+    @property
+    def bending_stiffness_n_m2(self) -> float | None:
+        """The rope's true EI [N m²]."""
+        return find_number(self.laws, "bending_stiffness", "bending_stiffness_n_m2", "EI_n_m2", "ei_n_m2")
+
+
+@dataclass(frozen=True)
+class Results:
+    """The folders of a run.
+
+    Args:
+        folder: the results (identify/, learn/, execute/, chain/, cables.json, elastic.json).
+        data: captures, recordings, layouts and the laboratory's truth.
+        has_truth: whether data/truth belongs to this capture (it does where the laboratory made it).
+        parameters: the pipeline's parameters, block by block, for the last section; None if unknown.
+    """
+
+    folder: Path
+    data: Path
+    has_truth: bool = True
+    parameters: Mapping[str, Any] | None = None
+
+    def json(self, *parts: str) -> dict[str, Any] | None:
+        """A JSON object under the results, or None where there is no such file."""
+        return read_object(self.folder.joinpath(*parts))
+
+    def table(self, *parts: str) -> pd.DataFrame | None:
+        """A CSV under the results, or None where there is no such file."""
+        return read_table(self.folder.joinpath(*parts))
+
+    def fit(self, name: str) -> Fit | None:
+        """What identification found for a recording."""
+        path = self.folder / "identify" / name / "fit.json"
+        return read_fit(path) if path.is_file() else None
+
+    @cached_property
+    def recordings(self) -> tuple[str, ...]:
+        """Names of the identified recordings: the captured one first, then by name."""
+        names = _folders(self.folder / "identify")
+        return tuple(sorted(names, key=lambda name: (name != CAPTURED, name)))
+
+    @cached_property
+    def layouts(self) -> tuple[str, ...]:
+        """Names of the layouts that were learned or executed."""
+        return tuple(sorted({*_folders(self.folder / "learn"), *_folders(self.folder / "execute")}))
+
+    def layout(self, name: str) -> Layout | None:
+        """A layout with its goal and obstacles."""
+        path = self.data / "layouts" / name
+        return read_layout(path) if path.is_dir() else None
+
+    @cached_property
+    def capture(self) -> CaptureIndex | None:
+        """The checked capture that the chain was found in."""
+        path = self.data / "capture"
+        return read_capture_index(path) if path.is_dir() else None
+
+    @cached_property
+    def captured(self) -> Recording | None:
+        """The recording made of the capture."""
+        path = self.data / "recordings" / CAPTURED
+        return read_recording(path) if path.is_dir() else None
+
+    @cached_property
+    def truth(self) -> Truth | None:
+        """The laboratory's truth; None for a capture from a real camera."""
+        laws = read_object(self.data / "truth" / "truth.json") if self.has_truth else None
+        shapes = self.data / "truth" / "shapes.npz"
+        if laws is None or not shapes.is_file():
+            return None
+        with np.load(shapes, allow_pickle=False) as arrays:
+            return Truth(laws, arrays["t_s"], arrays["xyz_m"], arrays["s_m"])
+
+    @cached_property
+    def chain_error(self) -> ChainError | None:
+        """The captured chain against the true axis."""
+        if self.truth is None or self.captured is None:
+            return None
+        points = points_table(self.captured.points)
+        return chain_error(points, self.truth.t_s, self.truth.xyz_m, self.truth.s_m)
+
+
+def read_object(path: Path) -> dict[str, Any] | None:
+    """A JSON object, or None where there is no file.
+
+    Raises:
+        FormatError: the file is there but holds no JSON object.
+    """
+    if not path.is_file():
+        return None
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise FormatError(f"no JSON ({error})", file=path, mend="run its stage again") from error
+    if not isinstance(content, dict):
+        raise FormatError("holds no JSON object", file=path, mend="run its stage again")
+    return content
+
+
+def read_table(path: Path) -> pd.DataFrame | None:
+    """A CSV with a header, or None where there is no file.
+
+    Raises:
+        FormatError: the file is there but is no table.
+    """
+    if not path.is_file():
+        return None
+    try:
+        return pd.read_csv(path)
+    except (ValueError, UnicodeDecodeError) as error:
+        raise FormatError(f"no CSV table ({error})", file=path, mend="run its stage again") from error
+
+
+def find_number(content: Mapping[str, Any], *names: str) -> float | None:
+    """The first of the named numbers, at the top or one level down; None where there is none."""
+    for level in (content, *(value for value in content.values() if isinstance(value, Mapping))):
+        for name in names:
+            value = level.get(name)
+            if isinstance(value, Mapping):
+                value = value.get("value")
+            if isinstance(value, int | float) and not isinstance(value, bool):
+                return float(value)
+    return None
+
+
+def _folders(path: Path) -> list[str]:
+    return (
+        [item.name for item in path.iterdir() if item.is_dir() and item.name[0] != "."]
+        if path.is_dir()
+        else []
+    )

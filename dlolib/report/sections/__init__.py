@@ -1,0 +1,34 @@
+"""The sections of a report in reading order: a new one is a file here and a line below."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from dlolib.report.model import Section
+from dlolib.report.results import Results
+from dlolib.report.sections import (
+    ablation,
+    cables,
+    capture,
+    chain,
+    comparison,
+    execution,
+    headline,
+    identification,
+    layouts,
+    making,
+)
+
+SECTIONS: tuple[Callable[[Results, Path], Section], ...] = (
+    headline.section,
+    capture.section,
+    chain.section,
+    identification.section,
+    layouts.section,
+    ablation.section,
+    execution.section,
+    cables.section,
+    comparison.section,
+    making.section,
+)

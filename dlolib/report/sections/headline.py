@@ -1,0 +1,150 @@
+"""The five headline figures, each with the command that gives it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from dlolib.report.headline import clear, headline, stiffness
+from dlolib.report.model import Block, Card, Cards, Missing, Paragraph, Section
+from dlolib.report.results import CAPTURED, Results
+from dlolib.report.text import ABSENT, MINUS, fixed, listed, millimetres, scientific, span, title
+
+
+def section(results: Results, figures: Path) -> Section:
+    """Five cards, and in words what the run did."""
+    numbers = headline(results)
+    cards = (
+        _stiffness_card(results),
+        _residual_card(results, numbers["residual_m"]),
+        _chain_card(results, numbers["chain_rms_m"]),
+        _goal_card(results, numbers["worst_goal_error_m"]),
+        _clearance_card(results, numbers["smallest_clearance_m"]),
+    )
+    blocks: list[Block] = [Paragraph(_summary(results)), Cards(cards)]
+    absent = [card.label for card in cards if card.value == ABSENT]
+    if absent:
+        blocks.append(Missing(f"Not there yet: {listed(absent)}. `make repro` runs every stage."))
+    return Section("headline", "In five figures", tuple(blocks))
+
+
+def _summary(results: Results) -> str:
+    source = "the virtual laboratory" if results.truth else "the camera"
+    texts = []
+    if results.captured is not None:
+        frames = len(set(results.captured.points.frame.tolist()))
+        texts.append(
+            f"A rope was recorded by {source} while a gripper moved its end; {frames} frames were used."
+        )
+    ei = stiffness(results)
+    if ei is not None:
+        texts.append(f"Its bending stiffness comes out at {scientific(ei.value)} {_nice(ei.unit)}.")
+    learned = [name for name in results.layouts if results.json("learn", name, "result.json")]
+    if learned:
+        results_of = [results.json("learn", name, "result.json") or {} for name in learned]
+        free = sum(clear(result) for result in results_of)
+        texts.append(
+            f"With that stiffness, a motion was learned for {len(learned)} layouts of obstacles; "
+            f"{'all' if free == len(learned) else free} of them keep clear of the obstacles in the rod's "
+            "simulation."
+        )
+    return " ".join(texts) or "No stage has left results yet."
+
+
+def _nice(unit: str) -> str:
+    return unit.replace("^2", "²").replace("^4", "⁴").replace("m2", "m²")
+
+
+def _stiffness_card(results: Results) -> Card:
+    ei = stiffness(results)
+    command = f"dvc repro identify@{CAPTURED}"
+    if ei is None:
+        return Card("Bending stiffness EI", ABSENT, "", "", command)
+    detail = f"95 % interval {span(ei.low, ei.high)}." if ei.low is not None or ei.high is not None else ""
+    true = results.truth.bending_stiffness_n_m2 if results.truth else None
+    if true:
+        apart = fixed(100 * (ei.value / true - 1))
+        detail += f" The laboratory's rope: {scientific(true)} ({'' if apart[0] == MINUS else '+'}{apart} %)"
+        plastic = results.truth is not None and results.truth.laws.get("law") == "plastic"
+        detail += ", but it also yields plastically." if plastic else "."
+    return Card("Bending stiffness EI", scientific(ei.value), _nice(ei.unit), detail, command)
+
+
+def _residual_card(results: Results, value: float | None) -> Card:
+    summary = results.json("identify", CAPTURED, "summary.json") or {}
+    held = summary.get("heldout_rmse_m")
+    detail = "Root mean square over all observed points."
+    if held is not None:
+        detail += f" On frames left out: {millimetres(held, 2)} mm."
+    return Card(
+        "Residual a point, rod to recording",
+        millimetres(value, 2),
+        "mm",
+        detail,
+        f"dvc repro identify@{CAPTURED}",
+    )
+
+
+def _chain_card(results: Results, value: float | None) -> Card:
+    detail = "Root mean square distance of the chain's points to the rope's true axis."
+    if results.truth is None:
+        detail = "No true axis to compare with: the capture is not from the laboratory."
+    return Card("Chain to true axis", millimetres(value, 2), "mm", detail, "dvc repro chain report")
+
+
+def _goal_card(results: Results, value: float | None) -> Card:
+    found = {
+        name: result["goal_error_m"]["mean"]
+        for name in results.layouts
+        if (result := results.json("learn", name, "result.json")) and result.get("goal_error_m")
+    }
+    worst = max(found, key=lambda name: found[name]) if found else None
+    detail = f"Mean distance to the goal shape, {title(worst)}, in the rod." if worst else ""
+    reached = _laboratory(results, "goal_error_m", max)
+    if reached:
+        detail += f" In the laboratory: {reached}."
+    return Card(
+        "Worst goal error",
+        millimetres(value),
+        "mm",
+        detail,
+        f"dvc repro learn@{worst}" if worst else "dvc repro",
+    )
+
+
+def _clearance_card(results: Results, value: float | None) -> Card:
+    found = {
+        name: result["min_clearance_m"]
+        for name in results.layouts
+        if (result := results.json("learn", name, "result.json"))
+        and result.get("min_clearance_m") is not None
+    }
+    least = min(found, key=lambda name: found[name]) if found else None
+    detail = f"Rope's surface to the nearest obstacle, {title(least)}, in the rod." if least else ""
+    reached = _laboratory(results, "min_clearance_m", min)
+    if reached:
+        detail += f" In the laboratory: {reached}."
+    return Card(
+        "Smallest clearance",
+        millimetres(value),
+        "mm",
+        detail,
+        f"dvc repro learn@{least}" if least else "dvc repro",
+    )
+
+
+def _laboratory(results: Results, key: str, choose: Callable[[list[float]], float]) -> str:
+    """The worst of all layouts in the laboratory, by law: "elastic 6.1 mm, plastic 19.0 mm"."""
+    texts = []
+    for law in ("elastic", "plastic"):
+        values = []
+        for name in results.layouts:
+            value = (
+                ((results.json("execute", name, "result.json") or {}).get("laws") or {}).get(law, {}).get(key)
+            )
+            value = value.get("mean") if isinstance(value, dict) else value
+            if value is not None:
+                values.append(value)
+        if values:
+            texts.append(f"{law} {millimetres(choose(values))} mm")
+    return ", ".join(texts)

@@ -1,0 +1,230 @@
+"""The learned motions: four layouts in two views as in the paper's Fig. 10, errors, learning curves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Canvas
+from matplotlib.lines import Line2D
+
+from dlolib.report.drawing import VIEWS, draw_clamp, draw_obstacles, draw_rope, mark, silhouette, smooth
+from dlolib.report.model import Block, Column, Figure, Missing, Paragraph, Section, Table
+from dlolib.report.results import Results
+from dlolib.report.style import GOAL, PATH, ROD, SERIES, WIDTH_MM, canvas, save, thousandths
+from dlolib.report.text import ABSENT, listed, millimetres, title
+from dlolib.types import Floats, Layout
+
+TITLE = "Motions learned"
+BETWEEN = "#9DB4C6"
+PATH_COLUMNS = ["end_x_m", "end_y_m", "end_z_m"]
+
+
+def section(results: Results, figures: Path) -> Section:
+    """Each layout seen from the front and from above, a table, the curves of learning."""
+    learned = [name for name in results.layouts if results.json("learn", name, "result.json")]
+    if not learned:
+        return Section("layouts", TITLE, (Missing("Nothing was learned yet: `dvc repro learn` does it."),))
+    blocks: list[Block] = [Paragraph(_words())]
+    drawn = [each for name in learned if (each := _read(results, name))]
+    if drawn:
+        blocks.append(_views(drawn, figures))
+    absent = [title(name) for name in learned if name not in {each.name for each in drawn}]
+    if absent:
+        blocks.append(Missing(f"No layout or no shapes to draw for {listed(absent)}."))
+    blocks.append(_table(results, learned))
+    curves = {
+        name: curve for name in learned if (curve := results.table("learn", name, "curve.csv")) is not None
+    }
+    if curves:
+        blocks.append(_curves(curves, figures))
+    return Section("layouts", TITLE, tuple(blocks))
+
+
+def _words() -> str:
+    return (
+        "For each layout a small network proposes the gripper's motion from A to B as ten arcs, and "
+        "learns from the gradient through the simulated rod: toward the goal shape, and away from every "
+        "contact on the way."
+    )
+
+
+@dataclass(frozen=True)
+class Learned:
+    """What is drawn of a layout: itself, the rod's nodes by step, the gripper's path (N, 3) [m]."""
+
+    name: str
+    layout: Layout
+    shapes: pd.DataFrame
+    path: Floats | None
+
+    @property
+    def reach_m(self) -> Floats:
+        """Lowest and highest coordinates of what is to be seen, (2, 3)."""
+        seen = [self.shapes[["x_m", "y_m", "z_m"]].to_numpy(), self.layout.goal_m]
+        seen += [self.path] if self.path is not None else []
+        for obstacle in self.layout.obstacles:
+            for view, across in VIEWS.items():
+                outline = silhouette(obstacle, view)
+                if outline is not None:
+                    seen.append(np.zeros((len(outline), 3)))
+                    seen[-1][:, across] = outline
+        points = np.vstack(seen)
+        return np.array([points.min(axis=0), points.max(axis=0)])
+
+
+def _read(results: Results, name: str) -> Learned | None:
+    layout, shapes = results.layout(name), results.table("learn", name, "shapes.csv")
+    if layout is None or shapes is None or shapes.empty:
+        return None
+    way = results.table("learn", name, "trajectory.csv")
+    return Learned(name, layout, shapes, None if way is None else way[PATH_COLUMNS].to_numpy())
+
+
+def _views(drawn: list[Learned], figures: Path) -> Figure:
+    columns = min(2, len(drawn))
+    rows = -(-len(drawn) // columns)
+    low = np.min([each.reach_m[0] for each in drawn], axis=0) - 0.02
+    high = np.max([each.reach_m[1] for each in drawn], axis=0) + 0.02
+    wide, deep, tall = high - low
+    scale = (WIDTH_MM / columns - 17.0) / wide
+    figure = canvas(rows * (scale * (tall + deep) + 17.0) + 8.0)
+    panels = figure.subplots(2 * rows, columns, squeeze=False, sharex=True, height_ratios=[tall, deep] * rows)
+    for axes in panels.flat:
+        axes.set_axis_off()
+    for index, each in enumerate(drawn):
+        row, column = divmod(index, columns)
+        for axes, view in ((panels[2 * row, column], "x-z"), (panels[2 * row + 1, column], "x-y")):
+            axes.set_axis_on()
+            up = VIEWS[view][1]
+            _draw(axes, view, each)
+            axes.set(xlim=(low[0], high[0]), ylim=(low[up], high[up]), aspect="equal")
+            axes.set_ylabel(f"{view[-1]} [mm]" if column == 0 else "")
+            thousandths(axes)
+        panels[2 * row, column].set_title(title(each.name))
+    for axes in panels[-1]:
+        axes.set_xlabel("x [mm]")
+    _legend(figure)
+    return Figure(
+        save(figure, figures, "layouts"),
+        "The layouts, each from the front (x-z) and from above (x-y), ropes at their true thickness. See "
+        "whether the reached shape (blue) lies on the goal (magenta rings), and whether any of the "
+        "shapes on the way (pale blue, every thirtieth step) comes near a cylinder; the green line is "
+        "the gripper's path from A to B.",
+        "Learned motions in each layout in two views",
+    )
+
+
+def _draw(axes: Axes, view: str, each: Learned) -> None:
+    layout, path = each.layout, each.path
+    radius = layout.rope.radius_m
+    draw_obstacles(axes, layout.obstacles, view)
+    steps = [rows[["x_m", "y_m", "z_m"]].to_numpy() for _, rows in each.shapes.groupby("step")]
+    draw_rope(axes, steps[0], view, "#8A8F95", radius, fill=0.22)
+    for nodes in steps[1:-1]:
+        axes.plot(*smooth(nodes)[:, VIEWS[view]].T, color=BETWEEN, linewidth=0.6, zorder=2.5)
+    draw_rope(axes, steps[-1], view, ROD, radius, fill=0.3)
+    if path is not None:
+        axes.plot(*path[:, VIEWS[view]].T, color=PATH, linewidth=1.4, zorder=5)
+    goal = layout.goal_m[:: max(1, len(layout.goal_m) // 24)][:, VIEWS[view]]
+    axes.plot(*goal.T, "o", color=GOAL, markersize=3.2, markerfacecolor="none", markeredgewidth=0.7, zorder=6)
+    draw_clamp(axes, layout.start.position_m, view)
+    if view == "x-z":
+        mark(axes, layout.grasp.position_m, view, "A", (3, -10))
+        mark(axes, layout.goal_m[-1], view, "B", (4, 5))
+
+
+def _legend(figure: Canvas) -> None:
+    handles = [
+        Line2D([], [], color="#8A8F95", linewidth=3, alpha=0.6, label="start"),
+        Line2D([], [], color=BETWEEN, linewidth=0.8, label="on the way"),
+        Line2D([], [], color=ROD, linewidth=2, label="reached"),
+        Line2D(
+            [], [], color=GOAL, marker="o", markerfacecolor="none", linestyle="", markersize=4, label="goal"
+        ),
+        Line2D([], [], color=PATH, linewidth=1.4, label="gripper's path"),
+        Line2D([], [], color="#333333", marker="s", linestyle="", markersize=4, label="clamp"),
+    ]
+    figure.legend(handles=handles, loc="outside upper left", ncols=len(handles))
+
+
+def _table(results: Results, names: list[str]) -> Table:
+    rows = []
+    for name in names:
+        result = results.json("learn", name, "result.json") or {}
+        goal = result.get("goal_error_m") or {}
+        rows.append(
+            (
+                title(name),
+                millimetres(goal.get("mean"), 2),
+                millimetres(goal.get("max"), 2),
+                millimetres(goal.get("end"), 2),
+                millimetres(result.get("min_clearance_m"), 2),
+                _count(result.get("contacts")),
+                _count(result.get("iterations")),
+            )
+        )
+    columns = (
+        Column("Layout", align="left"),
+        Column("Mean error", "mm"),
+        Column("Largest", "mm"),
+        Column("At the end", "mm"),
+        Column("Clearance", "mm"),
+        Column("Contacts", "count"),
+        Column("Iterations", "count"),
+    )
+    caption = (
+        "The learned motions in the rod. The goal error is the distance between a point of the reached "
+        "shape and its goal; the clearance is that of the rope's surface to the nearest obstacle over "
+        "all steps, negative inside."
+    )
+    return Table(caption, columns, tuple(rows))
+
+
+def _count(value: float | None) -> str:
+    return ABSENT if value is None else f"{value:g}"
+
+
+def _curves(curves: dict[str, pd.DataFrame], figures: Path) -> Figure:
+    figure = canvas(56)
+    panels = figure.subplots(1, 3)
+    columns = (
+        ("loss", "loss (19)"),
+        ("goal_error_mean_m", "mean goal error [mm]"),
+        ("min_clearance_m", "clearance [mm]"),
+    )
+    for index, (name, curve) in enumerate(curves.items()):
+        for axes, (column, _) in zip(panels, columns, strict=True):
+            if column in curve:
+                axes.plot(
+                    curve["iteration"],
+                    curve[column],
+                    color=SERIES[index % len(SERIES)],
+                    label=title(name),
+                    linewidth=1,
+                )
+    for axes, (column, label) in zip(panels, columns, strict=True):
+        axes.set(xlabel="iteration", ylabel=label)
+        if column.endswith("_m"):
+            thousandths(axes, "y")
+    panels[0].set_yscale("log")
+    panels[1].set_ylim(0, None)
+    panels[2].axhline(0, color="#333333", linewidth=0.8)
+    panels[2].annotate(
+        "contact", (0.98, 0), (0, -2), xycoords=("axes fraction", "data"), textcoords="offset points", ha=(
+            "right"
+        ),
+        va="top", fontsize=6.5, color="#333333",
+    )  # fmt: skip
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper left", ncols=len(labels))
+    return Figure(
+        save(figure, figures, "learning"),
+        "How the motions were learned: the loss, the mean goal error, and the smallest clearance on the "
+        "whole way. A motion in contact (clearance below zero) has to be pushed free before it can come "
+        "to the goal: see where the clearance crosses zero, and what the goal error does there.",
+        "Loss, goal error and clearance over the iterations of learning",
+    )

@@ -1,0 +1,105 @@
+"""Simulated on recorded shapes, and what is left between them along the rope."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+
+from dlolib.report.measures import by_arc_length, normal_residual
+from dlolib.report.model import Figure
+from dlolib.report.style import FAINT, OBSERVED, ROD, canvas, legend_above, save, thousandths
+from dlolib.report.text import millimetres, title
+from dlolib.types import Floats, Ints
+
+SHOWN = 7
+SURE = 2.0
+"""How many standard errors off zero the shared residual is before it is called the wire's own."""
+
+
+def shapes_figure(name: str, shapes: pd.DataFrame, figures: Path) -> Figure:
+    """Draw the shapes.csv of one recording: shapes to the left, residual across the rope to the right."""
+    frames = np.unique(shapes["frame"])
+    repeated = _is_one_pose(shapes)
+    spaced = np.linspace(0, len(frames) - 1, min(SHOWN, len(frames))).round().astype(int)
+    chosen = frames if repeated else frames[spaced]
+    figure = canvas(58)
+    aspect = float(np.ptp(shapes["x_m"]) / max(np.ptp(shapes["z_m"]), 1e-6))
+    left, right = figure.subplots(1, 2, width_ratios=[min(max(aspect, 0.5), 1.15), 1])
+    _draw_shapes(left, shapes, chosen)
+    means, spread = _draw_residual(right, shapes)
+    for axes in (left, right):
+        thousandths(axes)
+        legend_above(axes)
+    return Figure(
+        save(figure, figures, f"shapes_{name}"),
+        _caption(name, repeated, len(frames), len(chosen), means, spread),
+        f"Simulated and observed shapes of {title(name)}, and the residual along the rope",
+    )
+
+
+def _draw_shapes(axes: Axes, shapes: pd.DataFrame, chosen: Ints) -> None:
+    for count, frame in enumerate(chosen):
+        rows = shapes[shapes["frame"] == frame]
+        seen, made = ("observed", "simulated") if count == 0 else (None, None)
+        axes.plot(
+            rows["x_m"], rows["z_m"], ("o"), color=OBSERVED, markersize=1.9, markeredgewidth=0, label=seen
+        )
+        axes.plot(rows["sim_x_m"], rows["sim_z_m"], color=ROD, linewidth=1.2, label=made, alpha=0.9)
+    axes.set(xlabel="x [mm]", ylabel="z [mm]")
+    axes.set_aspect("equal", adjustable="datalim")
+
+
+def _draw_residual(axes: Axes, shapes: pd.DataFrame) -> tuple[Floats, Floats]:
+    """Draw the residual of every frame; return the mean of the frames and their spread by arc length [m]."""
+    arcs, offsets = _residual_lines(shapes, axes)
+    bins = min(24, int(shapes.groupby("frame").size().max()))
+    centres, means, rms = by_arc_length(arcs, offsets, bins=bins)
+    spread = np.sqrt(np.maximum(rms**2 - means**2, 0.0))
+    band = axes.fill_between(centres, means - spread, means + spread, color=ROD, alpha=0.16, linewidth=0)
+    band.set_label("± standard deviation")
+    axes.plot(centres, means, color=ROD, linewidth=1.6, label="mean of the frames")
+    axes.axhline(0, color="#9AA0A6", linewidth=0.6)
+    axes.set(xlabel="arc length from the start [mm]", ylabel="observed minus simulated, across [mm]")
+    return means, spread
+
+
+def _residual_lines(shapes: pd.DataFrame, axes: Axes) -> tuple[Floats, Floats]:
+    arcs, offsets = [], []
+    for _, rows in shapes.groupby("frame"):
+        if len(rows) < 3:
+            continue
+        s_m, across = normal_residual(rows)
+        axes.plot(s_m, across, color=FAINT, linewidth=0.45, alpha=0.7, zorder=1)
+        arcs.append(s_m)
+        offsets.append(across)
+    return np.concatenate(arcs), np.concatenate(offsets)
+
+
+def _is_one_pose(shapes: pd.DataFrame) -> bool:
+    """Whether every frame shows the same pose, so that only the noise of picking differs."""
+    spread = shapes.groupby("s_m")[["x_m", "z_m"]].std().max().max()
+    return bool(np.isfinite(spread) and spread < 0.02)
+
+
+def _caption(name: str, repeated: bool, frames: int, shown: int, means: Floats, spread: Floats) -> str:
+    if repeated:
+        shared, error = np.sqrt(np.mean(means**2)), np.sqrt(np.mean(spread**2) / frames)
+        verdict = (
+            "which is more than picking explains: the wire itself is not straight at rest"
+            if shared > SURE * error
+            else "which picking alone can explain"
+        )
+        return (
+            f"{title(name)}: one hanging pose, picked {frames} times by hand in a photograph. Right, "
+            "across the rope: grey one line a picking, blue their mean and its spread. What all pickings "
+            f"share is {millimetres(float(shared))} mm (RMS) with a standard error of "
+            f"{millimetres(float(error))} mm, {verdict}."
+        )
+    return (
+        f"{title(name)}: {shown} of {frames} frames; dots are observed, lines simulated. Right, across "
+        "the rope in the x-z plane: grey one line a frame, blue their mean and its spread. Smooth waves "
+        "of the grey lines are what the model lacks; their jagged scatter is noise."
+    )

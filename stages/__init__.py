@@ -1,0 +1,48 @@
+"""One short script a stage: load, call, save. Run from the repository's root: `python -m stages.chain`."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+# Same inputs, same bytes, whatever the number of cores: sums in threads depend on how they are divided.
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[variable] = "1"
+os.environ["MPLBACKEND"] = "Agg"
+
+from dlolib.errors import DloError  # noqa: E402  (after the variables that NumPy reads when it loads)
+from dlolib.files import write_json  # noqa: E402
+
+LABORATORY = "lab"
+CAPTURED = "captured"
+DATA = Path("data")
+REPORTS = Path("reports")
+
+
+def run(stage: Callable[..., None], *arguments: str) -> None:
+    """Run a stage; unusable input is one line on standard error and exit status 2."""
+    try:
+        stage(*arguments)
+    except DloError as error:
+        print(error, file=sys.stderr)
+        raise SystemExit(2) from None
+
+
+def write_metrics(name: str, figures: Mapping[str, Any]) -> None:
+    """Write reports/metrics/<name>.json, which git keeps: the numbers among the figures, to nine digits."""
+    write_json(REPORTS / "metrics" / f"{name}.json", _numbers(figures))
+
+
+def _numbers(figures: Mapping[str, Any]) -> dict[str, Any]:
+    kept: dict[str, Any] = {}
+    for key, value in figures.items():
+        if isinstance(value, Mapping):
+            kept[key] = _numbers(value)
+        elif isinstance(value, float):
+            kept[key] = float(f"{value:.9g}")
+        elif value is None or isinstance(value, int):
+            kept[key] = value
+    return kept

@@ -1,0 +1,30 @@
+"""All of it on paper: reports/report.html, report.pdf and report.json."""
+
+from __future__ import annotations
+
+import json
+
+from dlolib.params import load
+from dlolib.report import build_report
+from stages import DATA, LABORATORY, REPORTS, run, write_metrics
+
+
+def main() -> None:
+    params = load()
+    build_report(
+        REPORTS,
+        REPORTS,
+        data=DATA,
+        has_truth=params.ingest.source == LABORATORY,
+        parameters=params.model_dump(mode="json"),
+    )
+    write_metrics("report", read_headline())
+
+
+def read_headline() -> dict[str, object]:
+    """The five figures of report.json."""
+    return dict(json.loads((REPORTS / "report.json").read_text(encoding="utf-8"))["headline"])
+
+
+if __name__ == "__main__":
+    run(main)

@@ -1,0 +1,124 @@
+"""The parts of Algorithm 1, each by itself."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from dlolib.chain.axis import Axis
+from dlolib.chain.greedy import greedy_chain
+from dlolib.chain.lift import Strand
+from dlolib.chain.order import Anchor, in_order
+from dlolib.chain.skeleton import centre_lines
+from dlolib.chain.smooth import whittaker
+from dlolib.types import Floats
+
+
+def drawn(points: Floats, thickness: int = 6) -> np.ndarray:
+    image = np.zeros((300, 400), np.uint8)
+    cv2.polylines(image, [np.round(points).astype(np.int32)], False, 1, thickness)
+    return image > 0
+
+
+def strand(points: Floats) -> Strand:
+    return Strand(points[:, :2], points, np.ones(len(points), np.bool_), 1e-3)
+
+
+@pytest.mark.parametrize("degrees", range(0, 180, 15))
+def test_a_straight_rope_is_one_line_at_every_angle(degrees: int) -> None:
+    way = np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees))])
+    lines, width = centre_lines(drawn(np.array([[200, 150] - 120 * way, [200, 150] + 120 * way])))
+    assert len(lines) == 1 and 4 <= width <= 8
+    off = (lines[0] - [200, 150]) @ [-way[1], way[0]]
+    assert np.abs(off).max() < 2.5 and len(lines[0]) > 150
+
+
+def test_a_skeleton_is_cut_where_the_rope_crosses_itself() -> None:
+    mask = drawn(np.array([[50, 50], [350, 250]])) | drawn(np.array([[50, 250], [350, 50]]))
+    lines, _ = centre_lines(mask)
+    assert len([line for line in lines if len(line) > 80]) == 4
+
+
+def test_a_pinhole_is_no_fork() -> None:
+    mask = drawn(np.array([[50, 150], [350, 150]]), 8)
+    mask[149:152, 199:202] = False
+    assert len(centre_lines(mask)[0]) == 1
+
+
+def test_strands_are_put_in_order_through_gaps_and_turned() -> None:
+    angle = np.linspace(0, np.pi, 301)
+    arc = np.stack([np.cos(angle), np.sin(angle), np.zeros(301)], axis=-1) * 0.14
+    parts = [arc[200:], arc[:90][::-1], arc[110:180]]
+    start = Anchor(arc[0], np.array([0.0, 1.0, 0.0]))
+    end = Anchor(arc[-1], np.array([0.0, -1.0, 0.0]))
+    ordered = in_order([strand(part) for part in parts], start, end)
+    joined = np.concatenate([part.points_m for part in ordered])
+    np.testing.assert_array_equal(joined, np.concatenate([arc[:90], arc[110:180], arc[200:]]))
+
+
+def test_a_crossing_is_gone_straight_through() -> None:
+    # A loop: along x, around, and back across itself along y. Four strands meet at the crossing.
+    t = np.linspace(0, 1, 60)[:, None]
+    first = np.array([-0.1, 0, 0]) * (1 - t) + np.array([-0.01, 0, 0]) * t
+    angle = np.linspace(-np.pi / 2, np.pi, 200)
+    loop = np.stack([0.08 + 0.08 * np.cos(angle), 0.08 + 0.08 * np.sin(angle), 0 * angle], axis=-1)
+    loop = np.concatenate([np.array([[0.01, 0, 0]]), loop, np.array([[0, 0.01, 0]])])
+    last = np.array([0, -0.01, 0]) * (1 - t) + np.array([0, -0.1, 0]) * t
+    ordered = in_order(
+        [strand(last), strand(loop[::-1]), strand(first)], Anchor(first[0], np.array([1.0, 0, 0])), None
+    )
+    np.testing.assert_array_equal(
+        np.concatenate([s.points_m for s in ordered]), np.concatenate([first, loop, last])
+    )
+
+
+def test_a_stray_piece_is_left_out() -> None:
+    line = np.linspace([0, 0, 0], [0.4, 0, 0], 300)
+    stray = np.linspace([0.2, 0.2, 0], [0.22, 0.22, 0], 20)
+    anchors = [Anchor(line[i], np.array([1.0, 0, 0])) for i in (0, -1)]
+    ordered = in_order([strand(stray), strand(line)], *anchors)
+    assert len(ordered) == 1 and len(ordered[0].points_m) == 300
+
+
+def hairpin() -> Axis:
+    """Two legs 20 mm apart: the nearest point at distance l lies on the other leg."""
+    angle = np.linspace(-np.pi / 2, np.pi / 2, 200)
+    bow = np.stack([0.2 + 0.01 * np.cos(angle), 0.01 + 0.01 * np.sin(angle)], axis=-1)
+    flat = np.concatenate(
+        [np.linspace([0, 0], bow[0], 400)[:-1], bow, np.linspace(bow[-1], [0, 0.02], 400)[1:]]
+    )
+    points = np.column_stack([flat, np.zeros(len(flat))])
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    return Axis(s, points, np.ones(len(s), np.bool_), flat, float(s[-1]), True)
+
+
+def test_the_greedy_chain_only_goes_forward() -> None:
+    axis = hairpin()
+    s, points, _ = greedy_chain(axis, axis.measured_m / 19, 20)
+    np.testing.assert_allclose(s, np.linspace(0, axis.measured_m, 20), atol=1e-9)
+    np.testing.assert_allclose(points[-1], [0, 0.02, 0], atol=1e-9)
+    np.testing.assert_allclose(points[0], [0, 0, 0], atol=1e-9)
+
+
+def test_no_point_where_nothing_was_seen() -> None:
+    axis = hairpin()
+    seen = (axis.s_m < 0.1) | (axis.s_m > 0.2)
+    s, _, _ = greedy_chain(Axis(axis.s_m, axis.points_m, seen, axis.pixel, axis.measured_m, True), 0.01, 40)
+    assert len(s) > 20 and not ((s > 0.1) & (s < 0.2)).any()
+
+
+def test_the_smoother_keeps_curvature_to_its_ends_and_takes_noise_away() -> None:
+    at = np.linspace(-1, 1, 301)
+    parabola = 30 * at**2
+    np.testing.assert_allclose(whittaker(parabola, np.ones(301), 20), parabola, atol=1e-5)
+    noisy = parabola + np.random.default_rng(1).normal(size=301)
+    assert np.std(whittaker(noisy, np.ones(301), 20) - parabola) < 0.35
+
+
+def test_the_smoother_bridges_readings_without_weight() -> None:
+    at = np.linspace(-1, 1, 301)
+    weights = np.ones(301)
+    weights[100:140] = 0
+    wild = np.where(weights > 0, at**2, 99.0)
+    np.testing.assert_allclose(whittaker(wild, weights, 10), at**2, atol=1e-4)

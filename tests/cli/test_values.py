@@ -1,0 +1,56 @@
+"""How `--set` and `--fit` meet in one rope."""
+
+from __future__ import annotations
+
+import pytest
+
+from dlolib.cli_values import parse_values, rope_values
+from dlolib.errors import ParameterError
+from dlolib.types import Estimate, Fit, Rope
+
+WEIGHED, UNWEIGHED = Rope("rope", 0.445, 0.008, 0.04), Rope("rope", 0.445)
+
+
+def fit(**values: float) -> Fit:
+    parameters = {name: Estimate(value, None, None, "") for name, value in values.items()}
+    own = {"one": {"end_angle.start_1": Estimate(0.1, None, None, "rad")}}
+    return Fit(parameters, 0.001, 3, 30, own)
+
+
+def test_given_values_stand_over_the_fit() -> None:
+    known = rope_values(
+        WEIGHED, "one", fit(bending_stiffness=3e-4, torsional_stiffness=2e-4), {"bending_stiffness": 1e-3}
+    )
+    assert known.parameters == {
+        "bending_stiffness": 1e-3,
+        "torsional_stiffness": 2e-4,
+        "end_angle.start_1": 0.1,
+    }
+
+
+def test_nuisances_belong_to_their_recording() -> None:
+    known = rope_values(WEIGHED, "another", fit(bending_stiffness=3e-4), {})
+    assert known.parameters == {"bending_stiffness": 3e-4, "torsional_stiffness": 3e-4}
+
+
+def test_stiffness_over_density() -> None:
+    ratio = fit(bending_stiffness_over_density=0.02)
+    assert rope_values(UNWEIGHED, "two", ratio, {}).parameters["bending_stiffness"] == 0.02
+    known = rope_values(UNWEIGHED, "two", ratio, {"linear_density": 0.05})
+    assert known.rope.linear_density_kg_m == 0.05
+    assert known.parameters["bending_stiffness"] == pytest.approx(0.001)
+
+
+def test_newtons_need_a_density() -> None:
+    with pytest.raises(ParameterError, match="density of rope is not known; give --set linear_density"):
+        rope_values(UNWEIGHED, "two", fit(bending_stiffness=3e-4), {})
+
+
+def test_nothing_given() -> None:
+    with pytest.raises(ParameterError, match="no bending_stiffness is given; give --set"):
+        rope_values(WEIGHED, "one", None, {"torsional_stiffness": 1.0})
+
+
+def test_parsing() -> None:
+    given = ["bending_stiffness=3e-4", "linear_density=0.05"]
+    assert parse_values(given) == {"bending_stiffness": 3e-4, "linear_density": 0.05}

@@ -1,0 +1,104 @@
+"""Reading a log, and how far it is from the path."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from dlolib.errors import FormatError
+from dlolib.execute import RobotLog, evaluate, read_log
+from dlolib.execute.log import without_repeats
+from dlolib.execute.path import sampled
+from dlolib.execute.recorded import columns
+
+from .conftest import arc
+
+START_S, PERIOD_S = 50.0, 0.002
+
+
+def followed(lag_s: float = 0.0, aside_m: float = 0.0, until: int = 401) -> RobotLog:
+    """A log of the arc, late by lag_s, beside it by aside_m in y, up to a sample."""
+    poses = sampled(arc(), PERIOD_S)[:until]
+    poses[:, 1] += aside_m
+    t_s = START_S + lag_s + PERIOD_S * np.arange(len(poses))
+    return RobotLog(t_s, poses, poses, {"completed": True, "reason": "", "streamed_from_s": START_S})
+
+
+def test_a_perfect_log_has_no_error() -> None:
+    result = evaluate(followed(), arc())
+    assert result.tracking_error_m == pytest.approx(0, abs=1e-9)
+    assert result.path_error_m == pytest.approx(0, abs=1.1e-5)
+    assert result.lag_s == pytest.approx(0, abs=1e-3)
+
+
+def test_a_late_log_is_on_the_path_but_not_in_time() -> None:
+    result = evaluate(followed(lag_s=0.05), arc())
+    speed = 0.03 * np.pi / 0.8
+    assert result.tracking_error_m == pytest.approx(0.05 * speed, rel=0.05)
+    assert result.path_error_m == pytest.approx(0, abs=1.1e-5)
+    assert result.lag_s == pytest.approx(0.05, abs=1e-3)
+
+
+def test_a_log_beside_the_path_has_that_error() -> None:
+    result = evaluate(followed(aside_m=0.002), arc())
+    assert result.tracking_error_m == pytest.approx(0.002, rel=1e-6)
+    assert result.path_error_m == pytest.approx(0.002, rel=1e-4)
+
+
+def test_a_log_that_stops_is_compared_as_far_as_it_goes() -> None:
+    result = evaluate(followed(until=100), arc())
+    assert result.samples == 100
+    assert result.path_error_m == pytest.approx(0, abs=1.1e-5)
+
+
+def test_what_never_streamed_has_no_tracking_error() -> None:
+    log = followed()
+    said = {"completed": False, "reason": "interrupted (Ctrl-C)", "streamed_from_s": None}
+    result = evaluate(RobotLog(log.t_s, log.actual, log.target, said), arc())
+    assert (result.completed, result.tracking_error_m, result.exit_status) == (False, None, 1)
+
+
+def recorded(folder: Path, rows: int = 5) -> Path:
+    table = pd.DataFrame(np.zeros((rows, len(columns()))), columns=columns())
+    table["timestamp"] = START_S + PERIOD_S * np.arange(rows)
+    table["actual_TCP_pose_0"] = np.arange(rows)
+    file = folder / "log.csv"
+    table.to_csv(file, index=False)
+    return file
+
+
+def test_repeats_and_a_torn_last_line_of_the_recorder_are_left_out(tmp_path: Path) -> None:
+    file = recorded(tmp_path)
+    header, *lines = file.read_text().splitlines()
+    torn = lines[-1][:20]
+    file.write_text("\n".join([header, lines[0], lines[0], *lines[:4], lines[3], torn]))
+    table = without_repeats(file)
+    assert table["actual_TCP_pose_0"].tolist() == [0, 1, 2, 3]
+
+
+SPOILED = {
+    "text": (
+        "line 3, column actual_TCP_pose_2",
+        lambda table: table.assign(actual_TCP_pose_2=["0", "x", *"000"]),
+    ),
+    "falling": ("line 4, column timestamp", lambda table: table.iloc[[0, 2, 1, 3, 4]]),
+    "no column": ("no column actual_TCP_pose_4", lambda table: table.drop(columns="actual_TCP_pose_4")),
+}
+
+
+@pytest.mark.parametrize("case", SPOILED)
+def test_a_spoiled_log_is_refused(tmp_path: Path, case: str) -> None:
+    place, spoil = SPOILED[case]
+    file = recorded(tmp_path)
+    spoil(pd.read_csv(file)).to_csv(file, index=False)
+    with pytest.raises(FormatError, match=r"log\.csv") as refused:
+        read_log(tmp_path)
+    assert place in str(refused.value)
+
+
+def test_a_folder_without_a_log_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(FormatError, match=r"no log\.csv here"):
+        read_log(tmp_path)

@@ -1,0 +1,116 @@
+"""The tool path of a trajectory, and the checks before the first motion."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from dlolib.errors import MotionRefused
+from dlolib.execute import Limits, RobotConfig, check_path, path_in_base
+from dlolib.execute.path import sampled, tool_vectors
+from dlolib.types import Motion
+
+from .conftest import FIRST_M, TURN, arc
+
+QUARTER = ((0.0, -1.0, 0.0, 0.5), (1.0, 0.0, 0.0, 0.1), (0.0, 0.0, 1.0, 0.2), (0.0, 0.0, 0.0, 1.0))
+GRASP = ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.15), (0.0, 0.0, 0.0, 1.0))
+
+
+def test_by_default_the_tool_is_the_grasp_and_the_base_the_world() -> None:
+    first = tool_vectors(path_in_base(arc(), RobotConfig()))[0]
+    assert first[:3] == pytest.approx(FIRST_M)
+    # The rope's tangent, its third axis, is the world's x: 120 degrees about (1, 1, 1).
+    assert first[3:] == pytest.approx(np.full(3, 2 * np.pi / 3 / np.sqrt(3)))
+
+
+def test_tool_and_base_enter_as_matrices() -> None:
+    config = RobotConfig(base_from_world=QUARTER, tool_from_grasp=GRASP)
+    path = path_in_base(arc(), config)
+    grasp = np.eye(4)
+    grasp[:3, :3] = Rotation.from_quat(TURN, scalar_first=True).as_matrix()
+    grasp[:3, 3] = FIRST_M
+    tool = np.array(QUARTER) @ grasp @ np.linalg.inv(np.array(GRASP))
+    first = tool_vectors(path)[0]
+    assert first[:3] == pytest.approx(tool[:3, 3])
+    assert Rotation.from_rotvec(first[3:]).as_matrix() == pytest.approx(tool[:3, :3])
+    # 0.15 m back along the tangent (world x), turned by a quarter about z: 0.25 m of x become y.
+    assert first[:3] == pytest.approx([0.5, 0.35, 0.5])
+
+
+def test_the_signs_of_quaternions_stay_so_that_a_long_turn_goes_the_way_it_was_meant() -> None:
+    angle = np.array([0.0, 0.75, 1.5]) * np.pi
+    turn = np.stack([np.cos(angle / 2), 0 * angle, 0 * angle, np.sin(angle / 2)], axis=1)
+    place = np.tile(FIRST_M, (3, 1))
+    config = RobotConfig(base_from_world=QUARTER)
+    path = path_in_base(Motion(np.arange(3.0), place, turn, place, turn), config)
+    assert np.sum(path.end_q[1:] * path.end_q[:-1], axis=1) == pytest.approx(np.cos([0.375 * np.pi] * 2))
+
+
+def test_time_scale_slows_the_path() -> None:
+    slow = path_in_base(arc(0.2), RobotConfig(time_scale=4.0))
+    assert slow.t_s[-1] == pytest.approx(0.8)
+    check_path(slow, Limits())
+    with pytest.raises(MotionRefused, match="time_scale"):
+        check_path(path_in_base(arc(0.2), RobotConfig()), Limits())
+
+
+def test_samples_are_one_period_apart_and_end_at_the_end() -> None:
+    poses = sampled(arc(), 0.002)
+    assert len(poses) == 401
+    assert poses[-1] == pytest.approx(tool_vectors(arc())[-1])
+    assert sampled(arc(), 0.3)[-1] == pytest.approx(tool_vectors(arc())[-1])
+
+
+def turning(rad: float) -> Motion:
+    """A turn about y by rad in 0.2 s, in place."""
+    motion, angle = arc(0.2, 0.0), np.linspace(0, rad, 11)
+    turn = np.stack([np.cos(angle / 2), 0 * angle, np.sin(angle / 2), 0 * angle], axis=1)
+    return replace(motion, end_q=turn)
+
+
+def with_row(row: int, value: float) -> Motion:
+    """The arc with one row's x [m] replaced."""
+    end_m = arc().end_m.copy()
+    end_m[row, 0] = value
+    return replace(arc(), end_m=end_m)
+
+
+REFUSED = {
+    "turns too fast": (turning(0.5), "turns at 2.5 rad/s"),
+    "turns too far in a step": (turning(2.5), "turns at"),
+    "out of reach": (with_row(7, 0.9), "row 8 .line 9, t_s = 0.14.: the tool at .0.900"),
+    "one jump": (with_row(20, 0.47), "row 21"),
+    "time stands still": (replace(arc(), t_s=np.r_[arc().t_s[:-1], arc().t_s[-2]]), "does not rise"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_the_first_offending_row_is_named(case: str) -> None:
+    path, message = REFUSED[case]
+    with pytest.raises(MotionRefused, match=message) as refused:
+        check_path(path, Limits())
+    assert refused.value.mend
+
+
+def test_a_path_within_the_limits_passes() -> None:
+    check_path(arc(), Limits())
+    check_path(turning(0.19), Limits())
+
+
+def test_speed_up_from_rest_counts_as_acceleration() -> None:
+    # 0.118 m/s at once, over a look-ahead of 0.1 s.
+    check_path(arc(), Limits(acceleration_m_s2=1.2))
+    with pytest.raises(MotionRefused, match=r"accelerates at 1\.1\d m/s\^2"):
+        check_path(arc(), Limits(acceleration_m_s2=1.1))
+
+
+def test_a_free_end_or_a_single_row_is_no_path() -> None:
+    free = np.full_like(arc().end_m, np.nan)
+    with pytest.raises(MotionRefused, match="no pose"):
+        path_in_base(replace(arc(), end_m=free), RobotConfig())
+    one = Motion(*(value[:1] for value in vars(arc()).values()))
+    with pytest.raises(MotionRefused, match="fewer than two rows"):
+        path_in_base(one, RobotConfig())

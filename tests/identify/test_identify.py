@@ -1,0 +1,79 @@
+"""Identification on real recordings, and the paper's own method beside ours."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from sim.ropes import EI, ROPE
+from sim.test_recording import recording
+
+from dlolib.formats import read_fit, read_recording
+from dlolib.identify import DescentSettings, IdentifySettings, descend, identify, write_identified
+from dlolib.sim.iterative import alpha_b_from_stiffness, stiffness_from_alpha_b
+from dlolib.sim.recording import simulated
+from dlolib.sim.rod import Rod
+
+WIRES = Path("data/wires")
+CABLES = Path("../shared/data/real")
+QUICK = IdentifySettings(bootstrap=100)
+
+
+@pytest.mark.parametrize(
+    ("wire", "low", "high", "rms_m"),
+    [("wire_white", 0.7e-4, 1.4e-4, 5e-3), ("wire_black", 0.7e-3, 1.5e-3, 15e-3)],
+)
+def test_real_wires(wire: str, low: float, high: float, rms_m: float) -> None:
+    fit = identify([read_recording(WIRES / wire)], QUICK).fit
+    found = fit.parameters["bending_stiffness"]
+    assert low < found.value < high
+    assert found.low is not None and found.high is not None and found.low < found.value < found.high
+    assert fit.rmse_m < rms_m
+
+
+@pytest.mark.parametrize("name", ["weighted", "short_weighted"])
+def test_real_cables(name: str) -> None:
+    folder = CABLES / f"pac_black_{name}_settled"
+    if not folder.is_dir():
+        pytest.skip(f"{folder} is not here: its data have no licence and are not in the repository")
+    found = identify([read_recording(folder)], QUICK).fit.parameters["bending_stiffness"]
+    assert 0.08 < found.value < 0.18
+
+
+def test_the_papers_descent_goes_down_to_the_same_stiffness() -> None:
+    made = recording()
+    # in one plane, since the paper's single parameter says nothing of torsion
+    flat = replace(made.motion, end_m=made.motion.end_m * [1, 0, 1])
+    made = simulated(replace(made, motion=flat), Rod(ROPE, EI, EI))
+    start = alpha_b_from_stiffness(0.5 * EI, ROPE, 30)
+    end = descend(made, DescentSettings(start=start, rate=start**2 / 2, iterations=120), QUICK)
+    assert end.loss_m < 0.3 * end.loss["loss_m"].iloc[0]
+    assert end.bending_stiffness == pytest.approx(EI, rel=0.05)
+
+
+def test_the_papers_alpha_b_is_a_ropes_stiffness() -> None:
+    assert stiffness_from_alpha_b(0.0089, ROPE, 30) == pytest.approx(2.6e-4, rel=0.03)
+
+
+def test_declared_heldout_frames_never_enter_the_fit() -> None:
+    made = replace(recording(), heldout_frames=(4, 5))
+    spoiled = made.points.xyz_m.copy()
+    spoiled[made.points.frame >= 4] += 0.05
+    found = identify([replace(made, points=replace(made.points, xyz_m=spoiled))], QUICK)
+    clean = identify([made], QUICK)
+    assert found.fit == clean.fit
+    assert found.heldout_rmse_m is not None and found.heldout_rmse_m > 0.05
+
+
+def test_what_is_written_reads_back(tmp_path: Path) -> None:
+    made = recording()
+    found = identify([made], QUICK)
+    write_identified(found, [made], tmp_path / "out", descend(made, DescentSettings(iterations=2), QUICK))
+    assert read_fit(tmp_path / "out").parameters["bending_stiffness"].value == pytest.approx(
+        found.fit.parameters["bending_stiffness"].value, rel=1e-8
+    )
+    loss = pd.read_csv(tmp_path / "out" / "loss.csv")
+    assert set(loss["method"]) == {"least_squares", "gradient_descent"}
+    shapes = pd.read_csv(tmp_path / "out" / "shapes.csv")
+    assert np.allclose(shapes[["x_m", "y_m", "z_m"]], made.points.xyz_m, atol=1e-7)

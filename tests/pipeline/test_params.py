@@ -1,0 +1,101 @@
+"""params.yaml is refused in one line that names file, line, key and mend."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+
+from dlolib import params
+from dlolib.chain import ChainSettings
+from dlolib.errors import ParameterError
+from dlolib.identify import DescentSettings, IdentifySettings
+from dlolib.lab.camera import Sensor
+from dlolib.lab.rope import LabRope
+from dlolib.learn import LearnSettings
+from dlolib.params import Chain, Identify, Params, load, load_block
+from tests.pipeline.conftest import ROOT
+
+TEXT = (ROOT / "params.yaml").read_text()
+
+
+def written(folder: Path, old: str, new: str) -> Path:
+    assert TEXT.count(old) >= 1
+    path = folder / "params.yaml"
+    path.write_text(TEXT.replace(old, new, 1))
+    return path
+
+
+def refused(path: Path) -> str:
+    with pytest.raises(ParameterError) as caught:
+        load(path)
+    line = str(caught.value)
+    assert "\n" not in line and line.startswith(str(path))
+    return line.removeprefix(f"{path}: ")
+
+
+def test_the_committed_file_is_good() -> None:
+    assert isinstance(load(ROOT / "params.yaml"), Params)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("length_m: 0.445", "lenght_m: 0.445", "lab.rope.lenght_m: unknown key; did you mean `length_m`?"),
+        ("rod:\n", "rods:\n", "rods: unknown key; did you mean `rod`?"),
+        ("phi_rad: 0.008", "phi: 0.008", "learn.bounds.phi: unknown key; did you mean `phi_rad`?"),
+        ("    bias_m: 0.0 ", "    # ", "lab.sensor.bias_m: this key is missing; add it"),
+        ("length_m: 0.445", "length_m: 445", "lab.rope.length_m: should be less than or equal to 5 (it"),
+        ("length_m: 0.445", "length_m: long", "lab.rope.length_m: should be a valid number (it is 'long')"),
+        ("rate: 0.001 ", "rate: 1e-3 ", "with a point before an exponent"),
+        ("smooth_m: 0.03", "smooth_m: .nan", "chain.smooth_m: should be a finite number (it is nan)"),
+        ("particles: 30", "particles: 30.5", "rod.particles: should be a valid integer"),
+        ("law: plastic", "law: rubber", "should be 'plastic' or 'elastic' (it is 'rubber')"),
+        ("fit_of: captured", "fit_of: caught", "`caught` is not among recordings (captured, "),
+        ("layout: layout_1", "layout: layout_9", "`layout_9` is not among layouts (layout_1, "),
+        ("layouts: [layout_1", "layouts: [../layout", "layouts.0: String should match pattern"),
+        ("  source: lab", "  source: lab: x", "is not valid YAML"),
+    ],
+)  # fmt: skip
+def test_one_line(tmp_path: Path, old: str, new: str, said: str) -> None:
+    assert said in refused(written(tmp_path, old, new))
+
+
+def test_the_line_is_the_one_in_the_file(tmp_path: Path) -> None:
+    path = written(tmp_path, "bootstrap: ", "bootstraps: ")
+    number = next(n for n, line in enumerate(path.read_text().split("\n"), 1) if "bootstraps" in line)
+    assert refused(path).startswith(
+        f"line {number}, identify.bootstraps: unknown key; did you mean `bootstrap`?"
+    )
+
+
+def test_no_file(tmp_path: Path) -> None:
+    assert "no such file" in refused(tmp_path / "params.yaml")
+
+
+def test_a_block_is_read_without_the_others(tmp_path: Path) -> None:
+    path = tmp_path / "params.yaml"
+    path.write_text("".join(TEXT.partition("\nchain:\n")[1:]).replace("seed", "sead"))
+    assert load_block(Chain, path) == load_block(Chain, ROOT / "params.yaml")
+    with pytest.raises(ParameterError, match="did you mean `seed`"):
+        load_block(Identify, path)
+    path.write_text("rod: {}\n")
+    with pytest.raises(ParameterError, match="chain: this block is missing"):
+        load_block(Chain, path)
+
+
+@pytest.mark.parametrize(
+    ("block", "settings", "elsewhere"),
+    [
+        (params.Chain, ChainSettings, set()),
+        (params.Identify, IdentifySettings, {"particles", "longest_segment_m", "time_step_s", "sweeps"}),
+        (params.PaperDescent, DescentSettings, set()),
+        (params.Learn, LearnSettings, {"particles", "loss"}),
+        (params.LabRope, LabRope, set()),
+        (params.LabSensor, Sensor, set()),
+    ],
+)
+def test_blocks_offer_every_setting(block: type[params.Block], settings: type, elsewhere: set[str]) -> None:
+    """What can be set in the code can be set in params.yaml; `elsewhere`: in block `rod`, or by the stage."""
+    assert {field.name for field in fields(settings)} - elsewhere <= set(block.model_fields)

@@ -1,0 +1,310 @@
+"""Results as the stages write them, from invented shapes: nothing here was simulated, recorded or learned."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pandas as pd
+
+from dlolib.files import write_csv, write_json
+from dlolib.formats import write_capture_index, write_fit, write_layout, write_motion, write_recording
+from dlolib.report.pictures import project
+from dlolib.types import (
+    Camera,
+    CaptureIndex,
+    Ends,
+    Estimate,
+    Fit,
+    Floats,
+    Layout,
+    Motion,
+    Obstacle,
+    Points,
+    Pose,
+    Recording,
+    Rope,
+)
+
+LENGTH_M = 0.445
+ROPE = Rope("invented rope", LENGTH_M, 0.008, 0.04)
+ALONG_X = np.array([0.5, 0.5, 0.5, 0.5])
+GRAVITY = np.array([0.0, 0.0, -9.81])
+CAMERA = Camera(
+    np.array([[1.0, 0, 0, 0.15], [0, 0, 1.0, -0.75], [0, -1.0, 0, -0.05], [0, 0, 0, 1.0]]),
+    320, 288, 252.0, 252.0, 159.5, 143.5, 1000.0,
+)  # fmt: skip
+FRAMES = 12
+LAYOUTS = ("layout_1", "layout_2", "layout_3", "layout_4")
+
+
+def curve(bend: float, lift: float = 0.0, count: int = 30, length_m: float = LENGTH_M) -> Floats:
+    """A curve (count, 3) from the origin, along +x at both ends, in the x-z plane."""
+    fine = np.linspace(0.0, 1.0, 2001)
+    angle = -bend * np.sin(2 * np.pi * fine) + lift * np.sin(np.pi * fine) ** 2
+    step = length_m / 2000
+    x, z = (
+        np.concatenate([[0.0], np.cumsum(step * f(angle[:-1] + np.diff(angle) / 2))])
+        for f in (np.cos, np.sin)
+    )
+    at = np.linspace(0.0, 1.0, count)
+    return np.column_stack([np.interp(at, fine, x), np.zeros(count), np.interp(at, fine, z)])
+
+
+def write_results(root: Path, *, truth: bool = True, execution: bool = True, extras: bool = True) -> Path:
+    """Write data/ and reports/ under `root`; return the results' folder."""
+    rng = np.random.default_rng(7)
+    _write_capture(root / "data", rng, truth)
+    _write_identified(root / "reports" / "identify", rng)
+    for index, name in enumerate(LAYOUTS):
+        _write_layout(root, name, 0.35 + 0.12 * index, rng)
+        if execution:
+            _write_execution(root / "reports" / "execute" / name, 0.35 + 0.12 * index)
+    _write_ablation(root / "reports" / "learn" / LAYOUTS[0] / "ablation.csv", rng)
+    if extras:
+        _write_extras(root / "reports")
+    return root / "reports"
+
+
+def _bends() -> Floats:
+    return 1.1 + 0.35 * np.sin(np.linspace(0.0, np.pi, FRAMES))
+
+
+def _motion() -> Motion:
+    times = np.linspace(0.0, 2.2, 111)
+    bends = np.interp(times, np.linspace(0.0, 2.2, FRAMES), _bends())
+    ends = np.array([curve(bend, 0.3)[-1] for bend in bends])
+    turn = np.tile(ALONG_X, (len(times), 1))
+    return Motion(times, np.zeros_like(ends), turn, ends, turn)
+
+
+def _write_capture(data: Path, rng: np.random.Generator, truth: bool) -> None:
+    times, folder = np.linspace(0.0, 2.2, FRAMES), data / "capture"
+    fine = np.array([curve(bend, 0.3, 200) for bend in _bends()])
+    for kind in ("color", "depth"):
+        (folder / kind).mkdir(parents=True)
+    for index, axis in enumerate(fine):
+        pixels = np.rint(project(axis, CAMERA)).astype(np.int32)[None]
+        color, depth = np.full((288, 320, 3), 12, np.uint8), np.full((288, 320), 780, np.uint16)
+        cv2.polylines(color, pixels, False, (225, 225, 225), 3)
+        cv2.polylines(depth, pixels, False, 746, 3)
+        depth[rng.random(depth.shape) < 0.02] = 0
+        cv2.imwrite(str(folder / f"color/{index:06d}.png"), color)
+        cv2.imwrite(str(folder / f"depth/{index:06d}.png"), depth)
+    names = {
+        kind: tuple(folder / f"{kind}/{i:06d}.png" for i in range(FRAMES)) for kind in ("color", ("depth"))
+    }
+    frame = np.arange(FRAMES)
+    index_of = CaptureIndex(
+        ("invented"), folder, ROPE, GRAVITY, Ends(), CAMERA, frame, times, motion=_motion(), **names
+    )
+    write_capture_index(index_of, folder)
+    nodes = np.array([curve(bend, 0.3) for bend in _bends()]) + rng.normal(0, 6e-4, (FRAMES, 30, 3))
+    s_m = np.linspace(0, LENGTH_M, 30)
+    points = Points(np.repeat(frame, 30), np.repeat(times, 30), np.tile(s_m, FRAMES), nodes.reshape(-1, 3))
+    write_recording(
+        Recording("captured", ROPE, GRAVITY, Ends(), _motion(), points), data / "recordings" / "captured"
+    )
+    if truth:
+        write_json(data / "truth" / "truth.json", {"law": "plastic", "bending_stiffness_n_m2": 3e-4})
+        np.savez(data / "truth" / "shapes.npz", t_s=times, xyz_m=fine, s_m=np.linspace(0, LENGTH_M, 200))
+
+
+def _write_identified(folder: Path, rng: np.random.Generator) -> None:
+    _write_one(
+        folder / "captured",
+        ("captured"),
+        [curve(b, 0.3) for b in _bends()],
+        LENGTH_M,
+        3.04e-4,
+        rng,
+        paper=True,
+    )
+    for name, ei, wave in (("wire_white", 9.4e-5, 0.003), ("wire_black", 9.9e-4, 0.009)):
+        shape = curve(1.3, 0.8, 51, 1.5)
+        _write_one(folder / name, name, [shape] * 5, 1.5, ei, rng, wave=wave)
+
+
+def _write_one(
+    folder: Path,
+    name: str,
+    shapes: list[Floats],
+    length_m: float,
+    ei: float,
+    rng: np.random.Generator,
+    *,
+    wave: float = 0.001,
+    paper: bool = False,
+) -> None:
+    s_m = np.linspace(0, length_m, len(shapes[0]))
+    parts = []
+    for frame, shape in enumerate(shapes):
+        seen = (
+            shape + rng.normal(0, 5e-4, shape.shape) + np.outer(wave * np.sin(12 * s_m / length_m), [0, 0, 1])
+        )
+        columns = {"frame": frame, "t_s": 0.2 * frame, "s_m": s_m}
+        columns |= dict(zip(("x_m", "y_m", "z_m"), seen.T, strict=True))
+        columns |= dict(zip(("sim_x_m", "sim_y_m", "sim_z_m"), shape.T, strict=True))
+        parts.append(pd.DataFrame(columns))
+    write_csv(folder / "shapes.csv", pd.concat(parts))
+    estimate = Estimate(ei, 0.97 * ei, 1.04 * ei, "N m^2")
+    nuisance = {name: {"end_angle.start_1": Estimate(0.011, 0.004, 0.018, "rad")}}
+    points = sum(len(shape) for shape in shapes)
+    write_fit(
+        Fit({"bending_stiffness": estimate}, 1.4e-3, len(shapes), points, nuisance), folder / ("fit.json")
+    )
+    loss = [("least_squares", i, 0.9 * 0.35**i + 0.05, ei * (1 - 0.8 * 0.4**i)) for i in range(9)]
+    if paper:
+        loss += [
+            ("gradient_descent", i, 1.1 * np.exp(-i / 60) + 0.06, 2.3e-5 + 2.6e-4 * (1 - np.exp(-i / 70)))
+            for i in range(301)
+        ]
+    columns = ["method", "iteration", "loss_m", "bending_stiffness"]
+    write_csv(folder / "loss.csv", pd.DataFrame(loss, columns=columns))
+    published = {"alpha_b": 0.0081, "iterations": 300, "loss_m": 0.071} if paper else None
+    write_json(folder / "summary.json", {
+        "name": name, "rmse_m": 1.4e-3, "mean_distance_m": 1.2e-3, "loss_paper_m": 0.05, (
+            "frames"
+        ): len(shapes),
+        "heldout_rmse_m": 1.6e-3 if paper else None, "heldout_frames": [10, 11] if paper else None,
+        "points": points, "paper_method": published,
+    })  # fmt: skip
+
+
+def _steps(lift: float) -> list[Floats]:
+    return [
+        curve(bend, lift * share)
+        for share, bend in zip(np.linspace(0, 1, 11), np.linspace(1.0, 1.25, 11), strict=True)
+    ]
+
+
+def _nodes(steps: list[Floats]) -> pd.DataFrame:
+    parts = [
+        pd.DataFrame(
+            {
+                "step": 30 * i,
+                "t_s": 0.3 * i,
+                "node": np.arange(30),
+                "x_m": n[:, 0],
+                "y_m": n[:, 1],
+                ("z_m"): n[:, 2],
+            }
+        )
+        for i, n in enumerate(steps)
+    ]
+    return pd.concat(parts)
+
+
+def _write_layout(root: Path, name: str, lift: float, rng: np.random.Generator) -> None:
+    steps = _steps(lift)
+    middle, along = steps[-1][14], steps[-1][15] - steps[-1][13]
+    across = np.array([-along[2], 0.0, along[0]]) / np.linalg.norm(along)
+    obstacles = tuple(
+        Obstacle("cylinder", {"center_m": tuple((middle + side * across).tolist()), "axis": (0.0, 1.0, 0.0),
+                              "radius_m": (0.03,), "height_m": (0.06,)})
+        for side in (0.055, -0.055)
+    )  # fmt: skip
+    start, grasp = Pose(np.zeros(3), ALONG_X), Pose(steps[0][-1], ALONG_X)
+    s_m = np.linspace(0, LENGTH_M, 30)
+    layout = Layout(name, ROPE, GRAVITY, Ends(), obstacles, start, grasp, s_m, steps[-1])
+    write_layout(layout, root / "data" / "layouts" / name)
+    folder = root / "reports" / "learn" / name
+    ends = np.array([np.interp(np.linspace(0, 10, 301), np.arange(11), column) for column in
+                     np.array([nodes[-1] for nodes in steps]).T]).T  # fmt: skip
+    ends[:, 1] = 0.02 * np.sin(np.linspace(0, np.pi, 301))
+    turn = np.tile(ALONG_X, (301, 1))
+    write_motion(Motion(np.linspace(0, 3, 301), 0 * ends, turn, ends, turn), folder / "trajectory.csv")
+    write_csv(
+        folder / ("shapes.csv"),
+        _nodes([n + [0, 0.002, 0.002] * np.linspace(0, 1, 30)[:, None] for n in steps]),
+    )
+    iteration = np.arange(120)
+    error = 0.06 * np.exp(-iteration / 30) + 0.004 + 0.001 * rng.random(120)
+    clear = 0.008 - 0.02 * np.exp(-iteration / 15)
+    write_csv(folder / "curve.csv", pd.DataFrame({
+        "iteration": iteration, "loss": error**2 * 40, "goal_error_mean_m": error, (
+            "goal_error_max_m"
+        ): 2 * error,
+        "min_clearance_m": clear, "contacts": (clear < 0).astype(int),
+    }))  # fmt: skip
+    write_json(folder / "result.json", {
+        "layout": name, "goal_error_m": {"mean": 0.0041 + lift / 200, "max": 0.009, "end": 0.003}, "seed": 1,
+        "min_clearance_m": 0.0052 - lift / 300, "contacts": 0, "iterations": 120, "loss": 0.002,
+    })  # fmt: skip
+
+
+def _write_execution(folder: Path, lift: float) -> None:
+    laws, parts = {}, []
+    for law, extra in (("elastic", 0.02), ("plastic", 0.12)):
+        nodes = curve(1.25 + extra, lift)
+        parts.append(_nodes([nodes]).assign(law=law))
+        laws[law] = {
+            "goal_error_m": {"mean": 0.1 * extra, "max": 0.2 * extra, "end": 0.0},
+            "min_clearance_m": 0.004 - 0.03 * extra, "rod_error_m": {"mean": 0.05 * extra, (
+                "max"
+            ): 0.2 * extra},
+        }  # fmt: skip
+    write_csv(folder / "shapes.csv", pd.concat(parts))
+    write_json(
+        folder / "result.json",
+        {"completed": True, "reason": "", "samples": 301, ("tracking_error_m"): 0.0, ("laws"): laws},
+    )
+
+
+def write_robot_log(folder: Path) -> None:
+    """A log as ur_rtde's recorder writes it, in place of an execution in the laboratory."""
+    folder.mkdir(parents=True, exist_ok=True)
+    time = np.linspace(0, 3, 400)
+    columns = {"timestamp": 100 + time}
+    for axis in range(6):
+        columns[f"target_TCP_pose_{axis}"] = 0.1 * np.sin(time + axis)
+        columns[f"actual_TCP_pose_{axis}"] = 0.1 * np.sin(time + axis - 0.004)
+    write_csv(folder / "log.csv", pd.DataFrame(columns))
+    write_json(
+        folder / "result.json",
+        {"completed": False, "reason": "protective stop", "samples": 400, ("tracking_error_m"): 4e-4},
+    )
+
+
+def _write_ablation(path: Path, rng: np.random.Generator) -> None:
+    parts = []
+    iteration = np.arange(120)
+    for seed in range(1, 6):
+        pace = 20 + 10 * rng.random()
+        for loss, floor, clear in (("mse", 0.045, -0.012), ("contact", 0.005, 0.004)):
+            error = floor + (0.09 - floor) * np.exp(-iteration / pace)
+            parts.append(pd.DataFrame({
+                "loss": loss, "seed": seed, "iteration": iteration, "value": error * 0.2, (
+                    "goal_error_mean_m"
+                ): error,
+                "min_clearance_m": clear - 0.018 * np.exp(-iteration / pace),
+            }))  # fmt: skip
+    write_csv(path, pd.concat(parts))
+
+
+def _write_extras(folder: Path) -> None:
+    names = ("unweighted", "weighted", "short_unweighted", "short_weighted")
+    recordings = {
+        name: {
+            "bending_stiffness": {"value": v, "low": 0.9 * v, "high": 1.1 * v},
+            "rmse_m": 0.009,
+            ("heldout_rmse_m"): 0.011,
+        }
+        for name, v in zip(names, (0.11, 0.13, 0.09, 0.15), strict=True)
+    }
+    joint = {
+        "bending_stiffness": {"value": 0.12, "low": 0.11, "high": 0.13},
+        "rmse_m": 0.014,
+        ("heldout_rmse_m"): 0.016,
+    }
+    test = {"name": "F test", "statistic": 11.2, "p_value": 2e-4}
+    write_json(folder / "cables.json", {"recordings": recordings, "joint": joint, "test": test})
+    write_json(folder / "elastic.json", {"bending_stiffness": {"value": 3.02e-4, "low": 2.9e-4, (
+        "high"
+    ): 3.1e-4, (
+        "unit"
+    ): (
+        "N m^2"
+    )},
+                                         "true_ei_n_m2": 3e-4, "rmse_m": 0.0012})  # fmt: skip

@@ -1,0 +1,251 @@
+"""The report as a whole: both renderings from one content, self-contained, the same bytes twice."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from html import unescape
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+from matplotlib.figure import Figure as Canvas
+from report.synthetic import LAYOUTS, write_results, write_robot_log
+
+from dlolib.errors import DloError
+from dlolib.report import Results, build_report, collect
+
+REQUESTS = ("src", "href", "srcset", "data", "action", "poster", "background", "xlink:href")
+OUTPUTS = ("report.json", "report.html", "report.pdf")
+UNITS = re.compile(
+    r"mm|\bm\b|N m²|m⁴/s²|N m|rad|%|\bs\b|px|g/m|kg/m|1/m|frames|poses|iterations|layouts|runs|mm a point|α"
+)
+
+NAMING = ("Measure", "Parameter", "Figure", "Recording")
+"""Columns that name things and hold no quantities."""
+
+
+class Page(HTMLParser):
+    """What a browser would fetch, the texts of figures, and the anchors of a page."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.requests: list[str] = []
+        self.anchors: list[str] = []
+        self.links: list[str] = []
+        self.tags: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        for name, value in attrs:
+            if name in REQUESTS:
+                (self.links if (value or "").startswith("#") else self.requests).append(value or "")
+            if name == "style" and "url(" in (value or ""):
+                self.requests.append(value or "")
+            if name == "id":
+                self.anchors.append(value or "")
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_results(tmp_path_factory.mktemp("run"))
+
+
+@pytest.fixture(scope="module")
+def out(results: Path) -> Path:
+    parameters = {"lab": {"length_m": 0.445, "seed": 1}, "layouts": list(LAYOUTS)}
+    build_report(results, results, parameters=parameters)
+    return results
+
+
+@pytest.fixture(scope="module")
+def content(out: Path) -> dict:
+    return json.loads((out / "report.json").read_text(encoding="utf-8"))
+
+
+def blocks_of(content: dict, kind: str) -> list[dict]:
+    return [block for part in content["sections"] for block in part["blocks"] if block["kind"] == kind]
+
+
+def test_page_asks_nobody_for_anything(out: Path) -> None:
+    text = (out / "report.html").read_text(encoding="utf-8")
+    page = Page(text)
+    assert page.requests and all(request.startswith("data:") for request in page.requests)
+    assert not {"script", "iframe", "object", "embed", "base"} & set(page.tags)
+    assert not re.search(r"@import|url\(", text)
+
+
+def test_figures_ask_nobody_for_anything(out: Path) -> None:
+    figures = sorted((out / "figures").glob("*.svg"))
+    assert figures
+    for path in figures:
+        text = path.read_text(encoding="utf-8")
+        fetched = re.findall(r"""(?:href|src)\s*=\s*["']([^"']*)["']|url\(([^)]*)\)""", text)
+        assert all(target.startswith(("#", "data:")) for pair in fetched for target in pair if target), path
+        assert "dc:date" not in text, f"{path} carries a date"
+
+
+def test_page_is_smaller_than_five_megabytes(out: Path) -> None:
+    assert (out / "report.html").stat().st_size < 5_000_000
+
+
+def test_contents_lead_to_every_section(out: Path, content: dict) -> None:
+    page = Page((out / "report.html").read_text(encoding="utf-8"))
+    names = [section["name"] for section in content["sections"]]
+    assert page.links == [f"#{name}" for name in names]
+    assert set(names) <= set(page.anchors)
+
+
+def test_two_runs_give_the_same_bytes(out: Path, results: Path, tmp_path: Path) -> None:
+    again = tmp_path / "elsewhere"
+    parameters = {"lab": {"length_m": 0.445, "seed": 1}, "layouts": list(LAYOUTS)}
+    build_report(results, again, parameters=parameters)
+    for name in OUTPUTS:
+        assert (again / name).read_bytes() == (out / name).read_bytes(), name
+    for path in (again / "figures").iterdir():
+        assert path.read_bytes() == (out / "figures" / path.name).read_bytes(), path.name
+
+
+def test_outputs_name_no_folder_of_this_machine(out: Path, results: Path) -> None:
+    for name in OUTPUTS:
+        assert str(results.parent).encode() not in (out / name).read_bytes(), name
+
+
+def test_pdf_has_no_date(out: Path) -> None:
+    document = (out / "report.pdf").read_bytes()
+    assert document.startswith(b"%PDF")
+    assert b"CreationDate" not in document and b"ModDate" not in document
+
+
+def test_every_figure_has_a_caption_that_says_what_to_see(content: dict) -> None:
+    figures = blocks_of(content, "figure")
+    assert len(figures) >= 12
+    assert [figure["number"] for figure in figures] == list(range(1, len(figures) + 1))
+    for figure in figures:
+        assert len(figure["caption"]) > 80, figure["file"]
+        assert len(figure["alt"]) > 10, figure["file"]
+
+
+def test_every_number_in_a_table_has_a_unit(content: dict) -> None:
+    for table in blocks_of(content, "table"):
+        if table["caption"] == "Versions." or "params.yaml" in table["caption"]:
+            continue  # versions are no quantities; parameters have their unit in their name
+        titles = [column["title"] for column in table["columns"]]
+        for row in table["rows"]:
+            beside = "Unit" in titles and bool(row[titles.index("Unit")])
+            for column, cell in zip(table["columns"], row, strict=True):
+                names = column["align"] == "left" or column["title"] in NAMING or "dvc repro" in cell
+                if names or not re.search(r"\d", re.sub(r"[Ll]ayout \d", "", cell)):
+                    continue
+                has_unit = column["unit"] or UNITS.search(cell) or beside
+                assert has_unit, (table["caption"], column["title"], cell)
+
+
+def test_headline_is_what_the_stages_measured(content: dict) -> None:
+    headline = content["headline"]
+    assert set(headline) == {
+        "ei_n_m2", "residual_m", "chain_rms_m", "worst_goal_error_m", "smallest_clearance_m",
+    }  # fmt: skip
+    assert headline["ei_n_m2"] == pytest.approx(
+        {"value": 3.04e-4, "low": 0.97 * 3.04e-4, ("high"): 1.04 * 3.04e-4}
+    )
+    assert headline["residual_m"] == pytest.approx(1.4e-3)
+    # Noise of 0.6 mm along each axis leaves two of them across the rope.
+    assert headline["chain_rms_m"] == pytest.approx(6e-4 * 2**0.5, rel=0.1)
+    assert headline["worst_goal_error_m"] == pytest.approx(0.0041 + 0.71 / 200)
+    assert headline["smallest_clearance_m"] == pytest.approx(0.0052 - 0.71 / 300)
+
+
+def test_cards_say_which_command_gives_them(content: dict) -> None:
+    (cards,) = blocks_of(content, "cards")
+    assert len(cards["items"]) == 5
+    assert all(card["command"].startswith("dvc repro ") for card in cards["items"])
+
+
+def test_page_holds_every_section_caption_and_cell(out: Path, content: dict) -> None:
+    text = unescape(re.sub(r"</?(?:code|sub|strong)>", "", (out / "report.html").read_text(encoding="utf-8")))
+    assert len(content["sections"]) == 10
+    shown = [section["title"] for section in content["sections"]]
+    shown += [block["caption"] for kind in ("figure", "table") for block in blocks_of(content, kind)]
+    shown += [cell for table in blocks_of(content, "table") for row in table["rows"] for cell in row]
+    for words in shown:
+        assert re.sub(r"[`~]|\*\*", "", words) in text, words
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are composed but not drawn, which takes most of the time."""
+    monkeypatch.setattr(Canvas, "get_layout_engine", lambda self: None)
+    monkeypatch.setattr(Canvas, "savefig", lambda self, path, **_: Path(path).touch())
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_own_data_has_no_truth_and_says_so(results: Path, tmp_path: Path) -> None:
+    content = collect(Results(results, results.parent / "data", has_truth=False), tmp_path / "figures")
+    assert content["headline"]["chain_rms_m"] is None
+    said = " ".join(block["text"] for block in blocks_of(content, "missing"))
+    assert "no truth to compare" in said
+    assert "laboratory's rope:" not in json.dumps(content)
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_logs_of_a_robot_stand_beside_the_plan(tmp_path: Path) -> None:
+    results = write_results(tmp_path, execution=False)
+    write_robot_log(results / "execute" / LAYOUTS[0])
+    content = collect(Results(results, tmp_path / "data"), tmp_path / "figures")
+    assert any(figure["file"] == "figures/tracking.svg" for figure in blocks_of(content, "figure"))
+    assert "protective stop" in json.dumps(content)
+
+
+def test_empty_results_make_a_report_of_sentences(tmp_path: Path) -> None:
+    (tmp_path / "reports").mkdir()
+    build_report(tmp_path / "reports", tmp_path / "out")
+    content = json.loads((tmp_path / "out" / "report.json").read_text(encoding="utf-8"))
+    assert not blocks_of(content, "figure")
+    assert len(blocks_of(content, "missing")) >= 8
+    assert all(value is None for value in content["headline"].values())
+
+
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize(
+    ("gone", "sentence"),
+    [
+        ("reports/identify", "Nothing was identified yet"),
+        ("reports/identify/captured/loss.csv", "no loss curve"),
+        ("reports/identify/wire_black/shapes.csv", "no simulated shapes of the recording `wire_black`"),
+        ("reports/learn", "Nothing was learned yet"),
+        ("reports/learn/layout_1/ablation.csv", "ablation has not run"),
+        ("reports/learn/layout_2/shapes.csv", "no shapes to draw for Layout 2"),
+        ("data/layouts/layout_2", "no shapes to draw for Layout 2"),
+        ("reports/execute", "Nothing was executed"),
+        ("reports/cables.json", "cables were not run"),
+        ("reports/elastic.json", "elastic laboratory was not run"),
+        ("data/truth", "no truth to compare"),
+        ("data/capture", "no images under this recording"),
+        ("data/recordings/captured", "No chain is there"),
+    ],
+)
+def test_one_missing_input_gives_a_sentence(results: Path, tmp_path: Path, gone: str, sentence: str) -> None:
+    copy = tmp_path / "run"
+    shutil.copytree(results.parent, copy)
+    path = copy / gone
+    shutil.rmtree(path) if path.is_dir() else path.unlink()
+    content = collect(Results(copy / "reports", copy / "data"), tmp_path / "figures")
+    assert sentence in " ".join(block["text"] for block in blocks_of(content, "missing"))
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_unreadable_result_is_refused_and_nothing_written(results: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "run"
+    shutil.copytree(results.parent, copy)
+    (copy / "reports" / "learn" / LAYOUTS[1] / "result.json").write_text("{", encoding="utf-8")
+    with pytest.raises(DloError, match=r"layout_2.result\.json.*no JSON"):
+        build_report(copy / "reports", copy / "out")
+    assert not (copy / "out").exists()
+
+
+def test_missing_folder_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(DloError, match="no such folder"):
+        build_report(tmp_path / "nothing", tmp_path / "out")
