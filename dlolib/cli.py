@@ -111,7 +111,7 @@ def simulate(
 ) -> None:
     """Simulate a recording's points with a rod under the recording's own motion: dlo-recording/1."""
     from dlolib.formats import read_fit, read_recording, write_recording
-    from dlolib.identify import particles_for
+    from dlolib.identify import FINER, particles_for
     from dlolib.sim.recording import simulated
 
     read = read_recording(recording)
@@ -121,7 +121,8 @@ def simulate(
     static = read.quasi_static if quasi_static is None else quasi_static == "true"
     given = replace(read, rope=known.rope, quasi_static=static)
     settings = _identify_settings()
-    rod = _rod(known, particles_for(known.rope.length_m, settings))
+    # as fine as the mesh that identification corrects to, so that a fit is played back as it was made
+    rod = _rod(known, FINER * (particles_for(known.rope.length_m, settings) - 1) + 1)
     write_recording(simulated(given, rod, settings.time_step_s, settings.sweeps), out)
     _say(f"{out}: {len(given.points.s_m)} simulated points of {read.name}")
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,12 +23,14 @@ class Problem:
         models: one a recording.
         rods: the rod of each recording before any unknown is set (its length and masses differ).
         used: for each recording which of its points count, shape (P,).
+        offsets: for each recording what a finer mesh adds to the simulated points, (P, 3) [m], or 0.
         unknowns: in the order of the fit's coordinates.
     """
 
     models: tuple[Model, ...]
     rods: tuple[Rod, ...]
     used: tuple[Bools, ...]
+    offsets: tuple[Floats, ...]
     unknowns: tuple[Unknown, ...]
 
     def rod(self, k: int, theta: Floats) -> Rod:
@@ -41,11 +42,14 @@ class Problem:
         }
         return rod_with(self.rods[k], values)
 
+    def simulated(self, k: int, theta: Floats) -> Floats:
+        """Simulated points of recording k at the coordinates theta: (P, 3) [m]."""
+        return np.asarray(self.models[k].predict(self.rod(k, theta)).xyz_m + self.offsets[k])
+
     def distances(self, k: int, theta: Floats) -> Floats:
         """Simulated minus observed points of recording k, all of them: (P, A) [m]; A = 2 where planar."""
         model = self.models[k]
-        difference = model.predict(self.rod(k, theta)).xyz_m - model.recording.points.xyz_m
-        return difference[:, axes(model)]
+        return (self.simulated(k, theta) - model.recording.points.xyz_m)[:, axes(model)]
 
     def residuals(self, theta: Floats) -> Floats:
         """The points that count, as one vector (R,) [m]."""
@@ -70,14 +74,6 @@ class Problem:
             u.outward(float(t)) if u.logarithmic else 1.0 for u, t in zip(self.unknowns, theta, strict=True)
         ]
         return np.asarray(np.concatenate(blocks) * np.array(chain))
-
-    def restricted(self, positions: Sequence[int]) -> Problem:
-        """The same with only some of the unknowns."""
-        return Problem(self.models, self.rods, self.used, tuple(self.unknowns[k] for k in positions))
-
-    def with_used(self, used: Sequence[Bools]) -> Problem:
-        """The same with other points counting."""
-        return Problem(self.models, self.rods, tuple(used), self.unknowns)
 
 
 def axes(model: Model) -> list[int]:
