@@ -18,7 +18,7 @@ from tests.pipeline.conftest import ROOT
 
 SMALL = {
     "identify": {"iterations": 5, "bootstrap": 10, "paper_on": []},
-    "learn": {"iterations": 2, "ablation": {"layout": "layout_1", "seeds": []}},
+    "learn": {"iterations": 2, "ablation": {"layout": "layout_1", "seeds": [1]}},
 }
 STAGES = (
     ("ingest",),

@@ -26,7 +26,7 @@ def recording(quasi_static: bool = True) -> Recording:
     s = np.tile(np.linspace(0.01, 0.43, SEEN), FRAMES)
     points = Points(frame, 1.0 + 0.93 * frame, s, np.zeros((len(s), 3)))
     made = Recording("made", ROPE, GRAVITY, Ends(), motion, points, quasi_static=quasi_static)
-    return simulated(made, Rod(ROPE, EI, GJ, particles=40))
+    return simulated(made, Rod(ROPE, EI, GJ, particles=121))
 
 
 @pytest.mark.parametrize("quasi_static", [True, False])
@@ -52,7 +52,7 @@ def test_planted_stiffnesses_are_found() -> None:
         made.points,
         xyz_m=made.points.xyz_m + np.random.default_rng(3).normal(0, 2e-4, made.points.xyz_m.shape),
     )
-    fit = identify([replace(made, points=noisy)], IdentifySettings(particles=40, bootstrap=200)).fit
+    fit = identify([replace(made, points=noisy)], IdentifySettings(bootstrap=200)).fit
     found = fit.parameters["bending_stiffness"]
     assert found.value == pytest.approx(EI, rel=0.02)
     assert (
@@ -65,7 +65,7 @@ def test_planted_stiffnesses_are_found() -> None:
 def test_in_one_plane_torsion_does_not_act() -> None:
     made = recording()
     flat = replace(made.motion, end_m=made.motion.end_m * [1, 0, 1])
-    made = simulated(replace(made, motion=flat), Rod(ROPE, EI, GJ, particles=30))
+    made = simulated(replace(made, motion=flat), Rod(ROPE, EI, GJ, particles=121))
     assert "torsional_stiffness" not in identify([made], IdentifySettings(bootstrap=20)).fit.parameters
 
 
@@ -77,7 +77,7 @@ def test_a_name_that_cannot_be_fitted_is_refused() -> None:
 def test_unknown_density_gives_ratios() -> None:
     made = recording()
     unweighed = replace(made, rope=replace(ROPE, linear_density_kg_m=None))
-    found = identify([unweighed], IdentifySettings(particles=40, bootstrap=20)).fit.parameters[
+    found = identify([unweighed], IdentifySettings(bootstrap=20)).fit.parameters[
         "bending_stiffness_over_density"
     ]
     assert found.value == pytest.approx(EI / 0.04, rel=0.02)
