@@ -134,6 +134,7 @@ class Ablation(Block):
     """Plain squared error against the contact loss: on which layout, from which initial weights."""
 
     layout: Name
+    iterations: Count
     seeds: Annotated[list[Seed], Field(min_length=1)]
 
 
@@ -151,6 +152,8 @@ class Learn(Block):
     segments: Count
     hidden: Annotated[list[Count], Field(min_length=2, max_length=2)]
     seed: Seed
+    starts: Count
+    near_goal_m: Positive
     contact_margin_m: NotNegative
     contact_zone_m: NotNegative
     clearance_m: NotNegative

@@ -108,7 +108,8 @@ def _squares(found: Identified) -> float:
 
 def _line(name: str, found: Identified) -> str:
     ei = found.fit.parameters["bending_stiffness"]
-    return f"{name}: EI {ei.value:.3f} ({ei.low:.3f} to {ei.high:.3f}) N m^2, RMS {1e3 * found.fit.rmse_m:.1f} mm"
+    interval = f"({ei.low:.3f} to {ei.high:.3f})"
+    return f"{name}: EI {ei.value:.3f} {interval} N m^2, RMS {1e3 * found.fit.rmse_m:.1f} mm"
 
 
 if __name__ == "__main__":

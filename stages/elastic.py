@@ -27,7 +27,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         capture, truth = Path(folder) / "capture", Path(folder) / "truth"
         record(replace(made, rope=rope), capture, truth)
-        recording = extract_chain(open_capture(capture), ChainSettings(**load_block(Chain).model_dump())).recording
+        chain = ChainSettings(**load_block(Chain).model_dump())
+        recording = extract_chain(open_capture(capture), chain).recording
     found = summary(identify([recording], settings()), [recording])
     stiffness = found["parameters"]["bending_stiffness"]
     true = rope.bending_stiffness_n_m2
@@ -41,7 +42,8 @@ def main() -> None:
         "heldout_rmse_m": found["heldout_rmse_m"],
     }
     write_json(REPORTS / "elastic.json", figures)
-    print(f"EI {stiffness['value']:.4g} N m^2, {100 * figures['ei_error']:+.2f} %; RMS {1e3 * found['rmse_m']:.2f} mm")
+    error = f"{100 * figures['ei_error']:+.2f} %"
+    print(f"EI {stiffness['value']:.4g} N m^2, {error}; RMS {1e3 * found['rmse_m']:.2f} mm")
 
 
 if __name__ == "__main__":

@@ -49,10 +49,10 @@ class Drawing:
 
 
 DRAWINGS = {
-    "layout_1": Drawing(-0.4, 1.1, (0.38, 0.16), (0.30, 0.24), 1.1, 0.03),
+    "layout_1": Drawing(-1.2, np.pi / 2, (0.38, 0.03), (0.23, 0.05), np.pi / 2, 0.03),
     "layout_2": Drawing(-np.pi / 2, np.pi / 2, (0.33, -0.02), (0.20, 0.0), np.pi / 2, 0.03),
-    "layout_3": Drawing(-0.7, 0.9, (0.40, 0.06), (0.34, 0.14), 0.9, 0.03),
-    "layout_4": Drawing(-0.85, 1.0, (0.38, 0.08), (0.32, 0.16), 1.0, 0.03, -0.002, mirrored_at_x=0.2),
+    "layout_3": Drawing(-0.8, 1.35, (0.40, 0.10), (0.30, 0.13), 1.35, 0.02),
+    "layout_4": Drawing(-0.85, 1.0, (0.40, 0.04), (0.32, 0.15), 1.0, 0.03, -0.002, mirrored_at_x=0.2),
 }
 
 
@@ -83,7 +83,8 @@ def layout(name: str, drawing: Drawing) -> Layout:
         gravity_m_s2=np.array([0.0, 0.0, -GRAVITY_M_S2]),
         ends=Ends(),
         obstacles=tuple(
-            Obstacle("cylinder", {"center_m": tuple(_placed(c, drawing).tolist()), **CYLINDER}) for c in centres
+            Obstacle("cylinder", {"center_m": tuple(_placed(c, drawing).tolist()), **CYLINDER})
+            for c in centres
         ),
         start=Pose(_placed(np.zeros(2), drawing), _held(drawing.start_angle, drawing)),
         grasp=Pose(_placed(np.array(drawing.a), drawing), _held(drawing.end_angle, drawing)),

@@ -15,7 +15,7 @@ from dlolib.chain.cloud import view_of_cloud
 from dlolib.chain.greedy import greedy_chain
 from dlolib.chain.lift import lift
 from dlolib.chain.order import Anchor, in_order
-from dlolib.chain.segment import coverage, rope_mask, without_specks
+from dlolib.chain.segment import coverage, grey_levels, rope_mask, without_specks
 from dlolib.chain.settings import ChainSettings
 from dlolib.chain.skeleton import centre_lines
 from dlolib.chain.view import View
@@ -157,7 +157,8 @@ def _view(frame: Frame, index: CaptureIndex, settings: ChainSettings) -> View:
     assert camera.cx is not None and camera.cy is not None
     mask = rope_mask(frame, index, settings)
     covered = coverage(frame, index, mask)
-    return View(mask, covered, frame.depth_m, camera.fx, camera.fy, camera.cx, camera.cy)
+    grey = grey_levels(frame, index)
+    return View(mask, covered, frame.depth_m, camera.fx, camera.fy, camera.cx, camera.cy, grey)
 
 
 def _anchors(frame: Frame, index: CaptureIndex) -> tuple[Anchor | None, Anchor | None]:

@@ -10,6 +10,7 @@ from scipy.ndimage import maximum_filter1d
 
 from dlolib.chain.centre import Sections, centred_lines, tangents
 from dlolib.chain.settings import ChainSettings
+from dlolib.chain.shading import shaded_middles
 from dlolib.chain.smooth import whittaker
 from dlolib.chain.view import View
 from dlolib.o3d import open3d
@@ -56,8 +57,11 @@ def lift(
     pitch = view.pitch()
     if not lines or pitch == 0:
         return []
-    grids = centred_lines(lines, width, view, max(LATERAL * settings.smooth_m / pitch, width))
+    half_wave = max(LATERAL * settings.smooth_m / pitch, width)
+    grids = centred_lines(lines, width, view, half_wave)
     cloud = _cloud(view)
+    radii = _radii(grids, cloud, width, view, radius_m)
+    grids = shaded_middles(grids, radii, radius_m > 0, view, half_wave)
     readings = Sections.of(grids, view.pixel(cloud), width)
     strands = []
     for number, grid in enumerate(grids):
@@ -66,6 +70,22 @@ def lift(
         if strand is not None:
             strands.append(strand)
     return strands
+
+
+def _radii(grids: list[Floats], cloud: Floats, width: float, view: View, radius_m: float) -> list[Floats]:
+    """How large the rope's radius looks at each sample of each line, (N,) [px]; from the mask if unknown."""
+    if radius_m == 0:
+        return [np.full(len(grid), 0.5 * width) for grid in grids]
+    readings = Sections.of(grids, view.pixel(cloud), width)
+    radii = []
+    for number, grid in enumerate(grids):
+        mine = (readings.line == number) & (np.abs(readings.across) <= 0.5 * INTERIOR_SHARE * width)
+        block = max(5 * width, 10.0)
+        depth = np.full(len(grid), np.median(cloud[:, 2]))
+        if mine.any():
+            depth = _medians(readings.sample[mine], cloud[mine, 2], len(grid), block)
+        radii.append(radius_m * view.focal / (depth + radius_m))
+    return radii
 
 
 def _cloud(view: View) -> Floats:

@@ -63,6 +63,13 @@ def _bright(color: Image, frame: Frame, settings: ChainSettings) -> Mask:
     return np.asarray(rope[labels], dtype=np.bool_)
 
 
+def grey_levels(frame: Frame, index: CaptureIndex) -> Image | None:
+    """Brightness (H, W) where it tells rope from background; None with a mask or a colour from outside."""
+    if frame.color is None or frame.mask is not None or index.rope_color_hsv is not None:
+        return None
+    return np.asarray(cv2.cvtColor(frame.color, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
+
+
 def coverage(frame: Frame, index: CaptureIndex, mask: Mask) -> NDArray[np.float32]:
     """How much of each pixel the rope covers, shape (H, W), 0 to 1; 1 on the mask where colour says nothing.
 
@@ -70,9 +77,9 @@ def coverage(frame: Frame, index: CaptureIndex, mask: Mask) -> NDArray[np.float3
     neighbour further in tells: so the lit side counts no more than the side in the shade.
     """
     covered = mask.astype(np.float32)
-    if frame.color is None or frame.mask is not None or index.rope_color_hsv is not None or mask.all():
+    grey = grey_levels(frame, index)
+    if grey is None or mask.all():
         return covered
-    grey = cv2.cvtColor(frame.color, cv2.COLOR_RGB2GRAY)
     dark = float(np.median(grey[~mask]))
     inner = cv2.dilate(grey, np.ones((3, 3), np.uint8))[mask].astype(np.float32)
     share = (grey[mask] - dark) / np.maximum(PLATEAU * (inner - dark), 1)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dlolib.captures.base import Depth, Mask
+from dlolib.captures.base import Depth, Image, Mask
 from dlolib.types import Floats
 
 
@@ -15,7 +15,7 @@ from dlolib.types import Floats
 class View:
     """What a pinhole camera saw of the rope: its mask, the share of each pixel that is rope, its depth [m].
 
-    All three are of shape (H, W).
+    All three are of shape (H, W); so are the grey levels, None where light does not tell rope from the rest.
     """
 
     mask: Mask
@@ -25,6 +25,7 @@ class View:
     fy: float
     cx: float
     cy: float
+    grey: Image | None = None
 
     @property
     def focal(self) -> float:

@@ -21,12 +21,15 @@ from dlolib.sim.assembly import (
     vectors4,
 )
 from dlolib.sim.band import HALF, factor, row_times, solve
-from dlolib.sim.rotations import rotated
+from dlolib.sim.rotations import conjugate, product, rotated
 from dlolib.sim.runtime import ti, vec3
 from dlolib.sim.strain import curvature, moment_to_rotations, rotations_to_strain
 
 CONVERGED, UNCONVERGED, NOT_FINITE = 0, 1, 2
 LARGEST_TURN = 0.5
+# A Newton step this small that no longer shrinks is rounding: the stretch stiffness times the last bit of a
+# position is a force, and a soft rope moves under it.
+ROUNDING = 1e-6
 
 
 @ti.func
@@ -96,13 +99,17 @@ def roll_out(
         scale_t = joint_d[b, n // 2][0] / segment_l[b, 0]
         alive = True
         for t in range(1, x.shape[1]):
-            # predict: every particle flies on (or stands, without momentum); the held ends go along
+            # free flight (standing still, without momentum) is where inertia pulls to; the iteration begins
+            # where the rope would be if it moved on as in the step before, whatever the clock
             for p in range(n):
                 last = before[b, p] if t == 1 else x[b, ti.max(t - 2, 0), p]
                 flight[b, p] = x[b, t - 1, p] + momentum * (x[b, t - 1, p] - last)
-                x[b, t, p] = flight[b, p]
+                x[b, t, p] = 2.0 * x[b, t - 1, p] - last
             for i in range(n + 1):
                 q[b, t, i] = q[b, t - 1, i]
+                if t > 1:
+                    turn = product(conjugate(q[b, t - 2, i]), q[b, t - 1, i])
+                    q[b, t, i] = product(q[b, t - 1, i], turn).normalized()
             if clamped[b, 0] == 1:
                 x[b, t, 0] = end_x[b, t - 1, 0]
                 q[b, t, 0] = end_q[b, t - 1, 0]
@@ -112,7 +119,8 @@ def roll_out(
             done = not alive
             lowest = 1e300
             fraction = 1.0
-            length = 1e300
+            length, last_length = 1e300, 1e300
+            converged = False
             count = 0
             while not done and count < most:
                 count += 1
@@ -133,6 +141,7 @@ def roll_out(
                         alive = False
                     solve(band, b, y, b, 0, rows)
                     # column 1 keeps the step while the line search looks along it
+                    last_length = length
                     length = 0.0
                     for r in range(rows):
                         y[b, 1, r] = y[b, 0, r]
@@ -154,10 +163,11 @@ def roll_out(
                     q[b, t, i] = rotated(
                         base_q[b, i], fraction * vec3(y[b, 1, r], y[b, 1, r + 1], y[b, 1, r + 2])
                     )
-                if length < tolerance:
+                if length < tolerance or (length < ROUNDING and length > 0.5 * last_length):
+                    converged = True
                     done = True
             iterations[b, t - 1] = count
-            if alive and not length < tolerance:
+            if alive and not converged:
                 status[b, t - 1] = UNCONVERGED
 
 

@@ -283,4 +283,5 @@ def simulated(
     """The recording with its points replaced by the simulated ones, at the same times and arc lengths."""
     xyz = RecordingModel(recording, rod.particles, step_s, sweeps).predict(rod).xyz_m
     points = replace(recording.points, xyz_m=xyz, covariance_m2=None)
-    return replace(recording, points=points, source=f"dlo simulate {recording.name}", position_noise_m=0.0, noise=None)
+    told = f"dlo simulate {recording.name}"
+    return replace(recording, points=points, source=told, position_noise_m=0.0, noise=None)

@@ -12,7 +12,7 @@ from dlolib.sim import shapes
 from dlolib.types import Ends, Floats, Obstacle, Rope
 
 # An inextensible rope stretches this much under its own weight or a bend of its length, whichever is more.
-WEIGHT_STRAIN = 1e-5
+WEIGHT_STRAIN = 3e-5
 # Contact force per length of rope and depth [N/m^2], over the rod's weight per length.
 CONTACT_OVER_WEIGHT_1_M = 3e6
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -19,12 +20,16 @@ from dlolib.types import Camera, CaptureIndex, Ends, Floats, Motion, Rope
 
 WIDTH, HEIGHT, FOCAL = 640, 576, 504.0
 FORWARD = np.array([0.5, 0.5, 0.5, 0.5])
-SIDES = 16
+SIDES = 32
+FINE, AMBIENT = 4, 0.3
 
 
 @dataclass(frozen=True)
 class Scene:
-    """A rope before a dark plate, and black boxes (corner, size) that hide parts of it."""
+    """A rope before a dark plate, and black boxes (corner, size) that hide parts of it.
+
+    Without a direction towards a light the rope is evenly bright.
+    """
 
     diameter_m: float = 0.008
     boxes: tuple[tuple[tuple[float, float, float], tuple[float, float, float]], ...] = ()
@@ -32,6 +37,7 @@ class Scene:
     camera_m: tuple[float, float, float] = (0.2, -0.75, -0.02)
     rope_level: int = 225
     noisy: bool = True
+    light: tuple[float, float, float] | None = None
 
     def camera(self) -> Camera:
         view = np.eye(4)
@@ -72,6 +78,8 @@ def photograph(axis: Floats, scene: Scene, seed: int = 0) -> tuple[np.ndarray, n
     depth = hit["t_hit"].numpy().astype(float) * (rays.numpy()[..., 3:] @ camera.world_from_camera[:3, 2])
     on_rope = hit["geometry_ids"].numpy() == rope
     color = np.where(on_rope, scene.rope_level, 12)[..., None] * np.ones(3)
+    if scene.light is not None:
+        color = _lit(world, rope, optics, camera_from_world, scene)[..., None] * np.ones(3)
     if scene.noisy:
         depth, color = _noisy(depth, color, on_rope, rng)
     return np.clip(color, 0, 255).astype(np.uint8), np.round(depth * 1000).astype(np.uint16)
@@ -148,6 +156,22 @@ def _tube(axis: Floats, radius_m: float) -> tuple[Floats, np.ndarray]:
         for first, centre in ((0, len(vertices) - 2), (last, len(vertices) - 1))
     ]
     return vertices, np.concatenate([*(face.reshape(-1, 3) for face in faces), *caps])
+
+
+def _lit(world: Any, rope: int, optics: Floats, camera_from_world: Floats, scene: Scene) -> Floats:
+    """Grey levels (H, W) of a matt rope with shadows on itself: each pixel the mean over its own area."""
+    fine = optics * np.array([[FINE], [FINE], [1]])
+    rays = open3d.t.geometry.RaycastingScene.create_rays_pinhole(
+        open3d.core.Tensor(fine), open3d.core.Tensor(camera_from_world), FINE * WIDTH, FINE * HEIGHT
+    )
+    hit = world.cast_rays(rays)
+    normal, way = hit["primitive_normals"].numpy(), rays.numpy()[..., 3:]
+    # The tube's triangles are wound one way or the other: what is seen faces the camera.
+    normal = -normal * np.sign(np.einsum("ijk,ijk->ij", normal, way))[..., None]
+    towards = np.array(scene.light) / np.linalg.norm(np.array(scene.light))
+    shade = AMBIENT + (1 - AMBIENT) * np.maximum(normal @ towards, 0)
+    level = np.where(hit["geometry_ids"].numpy() == rope, scene.rope_level * shade, 12)
+    return np.asarray(level.reshape(HEIGHT, FINE, WIDTH, FINE).mean(axis=(1, 3)))
 
 
 def _noisy(

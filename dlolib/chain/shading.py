@@ -1,0 +1,212 @@
+"""The middle of a lit, round section: one side may lie in the shade and still be as wide as the other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d, uniform_filter1d
+
+from dlolib.chain.centre import Sections, resampled, tangents
+from dlolib.chain.smooth import whittaker
+from dlolib.chain.view import View
+from dlolib.types import Floats
+
+# Of a section: background on either side, and five ways of light to lie on a round body.
+PARTS = 7
+BLURS_PX = (0.1, 0.2, 0.3, 0.4, 0.55, 0.7, 0.9, 1.2, 1.6)
+# Where the diameter is unknown: how wide the rope may be against its mask.
+SIZES = (0.8, 0.87, 0.94, 1.0, 1.07, 1.14)
+SATURATED = 255
+MARGIN_PX = 2.5
+ROUNDS = 3
+STEP = 0.01
+REACH = 4.0
+END_RADII = 1.0
+# Weak prior towards no light: it matters only where a thin rope leaves a part undetermined.
+PRIOR = 0.01
+LARGEST_ERROR_PX, LARGEST_SHIFT = 0.15, 0.2
+LEAST_SHARE = 0.3
+
+
+def shaded_middles(
+    grids: list[Floats], radii_px: list[Floats], known: bool, view: View, half_wave_px: float
+) -> list[Floats]:
+    """Move lines that lie near the middle of the rope to where its outline, not its light, is in the middle.
+
+    How bright a matt body is under any distant lights, shadows on itself included, depends on its normal
+    as harmonics up to the second do (Basri and Jacobs, IEEE PAMI 25, 2003). Across a round section the
+    normal is (u, √(1 - u²)), u from -1 to 1: five parts. Beyond lies background, which may differ from
+    side to side. Blurred by pixel and lens, these seven are fitted to the grey levels around each
+    section: the light may be any, and what places the section is where its two edges are. How sharp the
+    camera is, and how wide a rope of unknown diameter looks, the picture tells itself.
+
+    Args:
+        grids: lines (N, 2), one sample a pixel, within a fraction of the width of the middle.
+        radii_px: how large the rope's radius looks at each of their samples, (N,) each.
+        known: whether these radii come from a known diameter.
+        view: with grey levels; without them the lines stay as they are.
+        half_wave_px: half of the shortest wave that the line may show [px].
+
+    Returns:
+        Lines (N, 2) with one sample a pixel, in the same order.
+    """
+    if view.grey is None or not grids:
+        return grids
+    pixels, levels, inside = _around(view, max(float(r.max()) for r in radii_px))
+    profile: _Profile | None = None
+    for _ in range(ROUNDS):
+        bound = max(float(r.max()) for r in radii_px) * max(SIZES) + MARGIN_PX
+        sections = Sections.of(grids, pixels, bound)
+        lines = [_Line.of(sections, number, radii_px[number], levels, inside) for number in range(len(grids))]
+        if profile is None:
+            profile = _best_profile(lines, half_wave_px, (1.0,) if known else SIZES)
+        moved = [_moved(grid, line, profile, half_wave_px) for grid, line in zip(grids, lines, strict=True)]
+        radii_px = [
+            np.interp(np.linspace(0, 1, len(new)), np.linspace(0, 1, len(old)), old)
+            for new, old in zip(moved, radii_px, strict=True)
+        ]
+        grids = moved
+    return grids
+
+
+def _around(view: View, radius: float) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """Pixels (N, 2) of the rope and beside it, their grey levels, and whether each counts as rope."""
+    assert view.grey is not None
+    size = 2 * int(np.ceil(radius + MARGIN_PX)) + 1
+    near = cv2.dilate(view.mask.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
+    rows, columns = np.nonzero(near)
+    pixels = np.stack([columns, rows], axis=-1).astype(np.float64)
+    return pixels, view.grey[near].astype(np.float64), view.mask[near]
+
+
+@dataclass(frozen=True)
+class _Line:
+    """The pixels of one line's sections: sample, offset across [px], grey level; the radii (N,) [px]."""
+
+    sample: NDArray[np.intp]
+    across: Floats
+    level: Floats
+    radius: Floats
+
+    @staticmethod
+    def of(
+        sections: Sections, number: int, radius: Floats, levels: Floats, inside: NDArray[np.bool_]
+    ) -> _Line:
+        away = np.abs(sections.across) - radius[np.clip(sections.sample, 0, len(radius) - 1)]
+        # What is rope beyond the section's own edge is another strand of it, and no background.
+        mine = (sections.line == number) & (away < MARGIN_PX) & ~(inside & (away > 1.0))
+        mine &= levels < SATURATED
+        # Close to an end a section's window holds what hides the rope there.
+        trim = min(END_RADII * float(np.median(radius)), len(radius) / 4)
+        mine &= (sections.sample >= trim) & (sections.sample < len(radius) - trim)
+        return _Line(sections.sample[mine], sections.across[mine], levels[mine], radius)
+
+
+@dataclass(frozen=True)
+class _Profile:
+    """The blurred parts of a section (PARTS, M) and their slopes over u = across / radius, at u (M,)."""
+
+    u: Floats
+    parts: Floats
+    slopes: Floats
+    size: float
+
+    @staticmethod
+    def of(blur: float, pixel: float, size: float) -> _Profile:
+        """Blur as a share of the radius."""
+        u = np.arange(-REACH, REACH + STEP, STEP)
+        body = np.abs(u) <= 1
+        front = np.sqrt(np.maximum(1 - u**2, 0))
+        light = [body, body * u, body * front, body * u * front, body * (2 * u**2 - 1)]
+        parts = np.stack([u < -1, u > 1, *light]).astype(np.float64)
+        # A pixel gathers the light of its whole area, and the lens blurs it before.
+        parts = uniform_filter1d(parts, max(round(pixel / STEP), 1), axis=1, mode="nearest")
+        parts = gaussian_filter1d(parts, blur / STEP, axis=1, mode="nearest")
+        return _Profile(u, parts, np.gradient(parts, STEP, axis=1), size)
+
+    def at(self, u: Floats) -> tuple[Floats, Floats]:
+        """Parts and slopes, (N, PARTS) each."""
+        place = np.clip(np.round((u + REACH) / STEP).astype(int), 0, len(self.u) - 1)
+        return self.parts[:, place].T, self.slopes[:, place].T
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """Of each sample's section: offset of its middle [px], its standard error, and the residuals' mean."""
+
+    offset: Floats
+    error: Floats
+    residual: Floats
+
+
+def _fit(line: _Line, profile: _Profile, half_wave: float) -> _Fit:
+    """Fit the sections (N,), each together with its neighbours within half a wave."""
+    count = len(line.radius)
+    radius = profile.size * line.radius[line.sample]
+    parts, slopes = profile.at(line.across / radius)
+    window = 2 * int(0.5 * half_wave) + 1
+
+    def summed(columns: Floats) -> Floats:
+        """Sums over each sample's window of the products of columns (P, K): (N, K, K)."""
+        size = columns.shape[1]
+        sums = np.stack(
+            [
+                np.bincount(line.sample, columns[:, a] * columns[:, b], minlength=count)
+                for a in range(size)
+                for b in range(size)
+            ],
+            axis=-1,
+        )
+        spread = uniform_filter1d(sums, window, axis=0, mode="constant") * window
+        return np.asarray(spread.reshape(count, size, size))
+
+    first = summed(np.column_stack([parts, line.level]))
+    pixels = summed(np.ones((len(line.level), 1)))[:, 0, 0]
+    prior = PRIOR * np.eye(PARTS)
+    light = np.linalg.solve(first[:, :PARTS, :PARTS] + prior, first[:, :PARTS, PARTS:])[..., 0]
+    # A section moved by d is bright as this one at across - d.
+    moving = -np.einsum("pk,pk->p", slopes, light[line.sample]) / radius
+    both = summed(np.column_stack([parts, moving, line.level]))
+    system = both[:, :-1, :-1] + np.pad(prior, ((0, 1), (0, 1))) + 1e-6 * np.eye(PARTS + 1)
+    solved = np.linalg.solve(system, both[:, :-1, -1:])[..., 0]
+    inverse = np.linalg.inv(system)[:, PARTS, PARTS]
+    explained = np.einsum("nk,nk->n", solved, both[:, :-1, -1])
+    rest = np.maximum(both[:, -1, -1] - explained, 0) / np.maximum(pixels - PARTS - 1, 1)
+    # Levels are whole numbers at best: nothing fits better than that.
+    rest = np.maximum(rest, 1 / 12)
+    rest = np.where(pixels > 3 * PARTS, rest, np.inf)
+    error: Floats = np.sqrt(np.maximum(rest * inverse, 0)).astype(np.float64)
+    return _Fit(solved[:, PARTS].astype(np.float64), error, rest.astype(np.float64))
+
+
+def _best_profile(lines: list[_Line], half_wave: float, sizes: tuple[float, ...]) -> _Profile:
+    """The blur and the size under which the sections fit best."""
+    typical = float(np.median(np.concatenate([line.radius for line in lines])))
+    best: tuple[float, _Profile] | None = None
+    for size in sizes:
+        for blur in BLURS_PX:
+            profile = _Profile.of(blur / (size * typical), 1 / (size * typical), size)
+            residual = np.concatenate([_fit(line, profile, half_wave).residual for line in lines])
+            value = float(np.median(residual))
+            if best is None or value < best[0]:
+                best = value, profile
+    assert best is not None
+    return best[1]
+
+
+def _moved(grid: Floats, line: _Line, profile: _Profile, half_wave: float) -> Floats:
+    fit = _fit(line, profile, half_wave)
+    usable = (fit.error < LARGEST_ERROR_PX) & (np.abs(fit.offset) < LARGEST_SHIFT * 2 * line.radius)
+    usable[[0, -1]] = False
+    if usable.mean() < LEAST_SHARE:
+        return grid
+    weights = np.where(usable, 1 / np.maximum(fit.error, 0.01) ** 2, 0.0)
+    weights = np.minimum(weights, 4 * np.median(weights[usable]))
+    tangent = tangents(grid)
+    normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=-1)
+    shift = whittaker(np.where(usable, fit.offset, 0.0), weights, half_wave)
+    moved = grid + np.clip(shift, -0.5 * line.radius, 0.5 * line.radius)[:, None] * normal
+    return resampled(whittaker(moved, np.ones(len(moved)), half_wave))

@@ -1,0 +1,58 @@
+"""A layout's goal at the rod's particles, and how far a shape is from it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from dlolib.errors import LayoutError
+from dlolib.types import Floats, Layout
+
+# Fewer points than this, or a first or last one further from the rope's ends, are no goal for all of it.
+FEWEST_POINTS = 4
+END_SHARE = 0.02
+
+
+@dataclass(frozen=True)
+class GoalError:
+    """Distances [m] between particles and goal at equal arc length: mean, largest, and at the end."""
+
+    mean_m: float
+    max_m: float
+    end_m: float
+
+
+def check_learnable(layout: Layout) -> None:
+    """Refuse what `formats.read_layout` lets pass and no path can be learned for.
+
+    Raises:
+        LayoutError: an end is free, the goal covers a part of the rope, or A and B leave no plane for (16).
+    """
+    if (layout.ends.start, layout.ends.end) != ("clamped", "clamped"):
+        raise LayoutError("an end is free", file=layout.name, place="ends", mend="clamp both: one is moved")
+    s_m, length = layout.goal_s_m, layout.rope.length_m
+    if len(s_m) < FEWEST_POINTS or s_m[0] > END_SHARE * length or s_m[-1] < (1 - END_SHARE) * length:
+        problem = f"the goal has {len(s_m)} points from {s_m[0]:g} to {s_m[-1]:g} m of {length:g} m"
+        mend = f"give at least {FEWEST_POINTS}, from the rope's start to its end"
+        raise LayoutError(problem, file=layout.name, place="goal.csv", mend=mend)
+    across = layout.goal_m[-1] - layout.grasp.position_m
+    level = float(np.hypot(across[0], across[1]))
+    if level < 1e-3:
+        problem = "the goal's last point lies at the grasp, or straight above or below it"
+        mend = "move one: arcs turn about an axis that stands on the way between them and on the vertical"
+        raise LayoutError(problem, file=layout.name, place="grasp.position_m", mend=mend)
+
+
+def goal_at_particles(layout: Layout, particles: int) -> Floats:
+    """The goal at equally spaced arc lengths, shape (particles, 3) [m], by a cubic spline in s."""
+    share = np.linspace(0.0, 1.0, particles)
+    spread = (layout.goal_s_m - layout.goal_s_m[0]) / (layout.goal_s_m[-1] - layout.goal_s_m[0])
+    return np.asarray(make_interp_spline(spread, layout.goal_m, k=3)(share), dtype=np.float64)
+
+
+def goal_error(positions_m: Floats, goal_m: Floats) -> GoalError:
+    """Compare particles (N, 3) with the goal at the same arc lengths (N, 3)."""
+    distance = np.linalg.norm(positions_m - goal_m, axis=-1)
+    return GoalError(float(distance.mean()), float(distance.max()), float(distance[-1]))

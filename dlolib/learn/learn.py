@@ -1,0 +1,138 @@
+"""Learn a layout: from its goal shape to a trajectory free of contact."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+from autograd.misc.optimizers import adam
+
+from dlolib.learn.arcs import PARAMETERS
+from dlolib.learn.goal import check_learnable, goal_at_particles
+from dlolib.learn.policy import Policy, xavier
+from dlolib.learn.rope import DifferentiableRope, HeldRope
+from dlolib.learn.settings import LearnSettings
+from dlolib.learn.train import Episode, Learner
+from dlolib.progress import track
+from dlolib.sim.rod import Rod
+from dlolib.types import Floats, Layout
+
+
+@dataclass(frozen=True)
+class Learned:
+    """What learning found: the kept iterate, its controller, and the curve over all iterations.
+
+    curve: iteration, loss, goal_error_mean_m, goal_error_max_m, min_clearance_m, contacts.
+    """
+
+    layout: Layout
+    settings: LearnSettings
+    policy: Policy
+    kept: Episode
+    kept_iteration: int
+    curve: pd.DataFrame
+
+    @property
+    def free(self) -> bool:
+        """Whether the kept path has the clearance that was asked for."""
+        return self.kept.min_clearance_m >= self.settings.clearance_m
+
+
+def learn(
+    layout: Layout, rod: Rod, settings: LearnSettings, rope: DifferentiableRope | None = None
+) -> Learned:
+    """Learn how to move the rope's end so that the rope comes to its goal: Section V.B, Algorithm 2.
+
+    From some initial weights the path gets caught on the wrong side of an obstacle, where the gradient of
+    (19) leads nowhere; then other weights are tried.
+
+    Args:
+        layout: goal, obstacles, where the ends are.
+        rod: the rope's physics, as identified; its number of particles comes from the settings.
+        settings: see `LearnSettings`.
+        rope: a stand-in for `HeldRope`, for tests.
+
+    Raises:
+        LayoutError: no path can be learned for this layout.
+        SimulationError: the rope could not be simulated.
+    """
+    check_learnable(layout)
+    goal_m = goal_at_particles(layout, settings.particles)
+    inputs = goal_m.size + PARAMETERS
+    held = rope or HeldRope(layout, rod, settings)
+    best: Learned | None = None
+    for seed in range(settings.seed, settings.seed + settings.starts):
+        tried = replace(settings, seed=seed)
+        weights = xavier(inputs, tried.hidden, seed)
+        policy = Policy(weights, np.array(tried.bounds), goal_m, layout.rope.length_m)
+        learned = _train(Learner(layout, held, policy, tried), tried)
+        if best is None or _rank(learned.kept, settings) < _rank(best.kept, settings):
+            best = learned
+        if learned.free and learned.kept.goal.mean_m <= settings.near_goal_m:
+            break
+    assert best is not None
+    return best
+
+
+def _train(learner: Learner, settings: LearnSettings) -> Learned:
+    """Lines 2 to 12 of Algorithm 2 with Adam, as the paper's rate suggests; keep the best iterate."""
+    rows: list[dict[str, float]] = []
+    best: tuple[Floats, Episode, int] | None = None
+    label = f"learn {learner.layout.name} ({settings.loss}, seed {settings.seed})"
+    ticks = track(range(settings.iterations), label)
+
+    def gradient(weights: Floats, iteration: int) -> Floats:
+        nonlocal best
+        next(ticks, None)
+        episode = learner.episode(weights)
+        rows.append(_row(iteration, episode))
+        if best is None or _rank(episode, settings) < _rank(best[1], settings):
+            best = weights.copy(), episode, iteration
+        return episode.gradient
+
+    adam(
+        gradient, learner.flat, num_iters=settings.iterations, step_size=settings.rate, b2=settings.forgetting
+    )
+    next(ticks, None)
+    assert best is not None
+    weights, kept, iteration = best
+    return Learned(learner.layout, settings, learner.trained(weights), kept, iteration, pd.DataFrame(rows))
+
+
+def _rank(episode: Episode, settings: LearnSettings) -> tuple[int, float]:
+    """Order of preference, smallest first: free and on the goal by clearance, free by error, else by loss."""
+    if episode.min_clearance_m < settings.clearance_m:
+        return 2, episode.loss
+    if episode.goal.mean_m > settings.goal_tolerance_m:
+        return 1, episode.goal.mean_m
+    return 0, -episode.min_clearance_m
+
+
+def _row(iteration: int, episode: Episode) -> dict[str, float]:
+    return {
+        "iteration": iteration,
+        "loss": episode.loss,
+        "goal_error_mean_m": episode.goal.mean_m,
+        "goal_error_max_m": episode.goal.max_m,
+        "min_clearance_m": episode.min_clearance_m,
+        "contacts": episode.contacts,
+    }
+
+
+def ablate(layout: Layout, rod: Rod, settings: LearnSettings, seeds: Sequence[int]) -> pd.DataFrame:
+    """Plain MSE against the contact loss from several initial weights: the paper's Fig. 11, all runs kept.
+
+    Returns:
+        One row per loss, seed and iteration: loss ("mse" | "contact"), seed, iteration, value,
+        goal_error_mean_m, min_clearance_m.
+    """
+    tables = []
+    for seed in seeds:
+        for loss in ("mse", "contact"):
+            curve = learn(layout, rod, replace(settings, loss=loss, seed=seed, starts=1)).curve
+            columns = curve[["iteration", "goal_error_mean_m", "min_clearance_m"]]
+            tables.append(columns.assign(loss=loss, seed=seed, value=curve["loss"]))
+    order = ["loss", "seed", "iteration", "value", "goal_error_mean_m", "min_clearance_m"]
+    return pd.concat(tables, ignore_index=True)[order]

@@ -1,0 +1,99 @@
+"""The loss of a path, the paper's (19) and (20), with its derivatives by the rope's positions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlolib.learn.settings import LearnSettings
+from dlolib.sim.clearance import Nearest, nearest
+from dlolib.types import Floats, Obstacle
+
+
+@dataclass(frozen=True)
+class LossValue:
+    """Loss, its derivative by the positions (T + 1, N, 3), and the number of contacts Γ."""
+
+    value: float
+    d_positions: Floats
+    contacts: int
+
+
+@dataclass(frozen=True)
+class ContactTerms:
+    """L_c (T, N) [m], its derivative by the position (T, N, 3), and whether the obstacle is in the way."""
+
+    value_m: Floats
+    slope: Floats
+    in_the_way: np.ndarray
+
+
+def path_loss(
+    positions_m: Floats,
+    goal_m: Floats,
+    obstacles: Sequence[Obstacle],
+    radius_m: float,
+    settings: LearnSettings,
+) -> LossValue:
+    """ω1 Σ L_c + ω2 MSE(x^h, x*): (19).
+
+    Two readings of ours. The sum over contacts is divided by the number of steps: a particle that leans
+    on a cylinder all the way then counts once, in the metres in which it lies wrong, and Table I's
+    weights are of use; undivided, contacts outweigh the goal ten-thousandfold. And with the sum of (20)
+    over x and y for an end section goes the sum over its surface, see `_contact`.
+
+    Args:
+        positions_m: particles at all steps, the first before the first step, shape (T + 1, N, 3).
+        goal_m: goal at the particles' arc lengths, shape (N, 3).
+        obstacles: in contact is what is nearer than the margin to one of these.
+        radius_m: the rope's radius.
+        settings: weights, margin, which loss.
+    """
+    d_positions = np.zeros_like(positions_m)
+    miss = positions_m[-1] - goal_m
+    value = settings.goal_weight * float(np.mean(miss**2))
+    d_positions[-1] = settings.goal_weight * 2 * miss / miss.size
+    found = nearest(positions_m[1:], obstacles)
+    gap_m = found.distance_m - radius_m
+    near = np.clip(
+        (settings.contact_zone_m - gap_m) / (settings.contact_zone_m - settings.contact_margin_m), 0, 1
+    )
+    if settings.loss == "contact" and near.any():
+        terms = _contact(positions_m[1:], goal_m, obstacles, found, settings.contact_zone_m - gap_m)
+        slides = near * terms.in_the_way
+        most = max(float(slides.sum()), 0.1 * len(near))
+        share = settings.contact_weight * np.where(slides > 0, slides / most, near / len(near))
+        value += float(np.sum(share * terms.value_m))
+        d_positions[1:] += share[..., None] * terms.slope
+    return LossValue(value, d_positions, int((gap_m < settings.clearance_m).sum()))
+
+
+def _contact(
+    positions_m: Floats, goal_m: Floats, obstacles: Sequence[Obstacle], found: Nearest, depth_m: Floats
+) -> ContactTerms:
+    """L_c of every particle (T, N), were it in contact, and its derivative (T, N, 3): (20).
+
+    On a surface: |x - o_c| as long as the obstacle's centre lies between the particle and its goal, so that
+    it slides round the obstacle. Once past it, or on the goal's side from the beginning, there is nothing
+    to slide round, and |x - o_c| would pull a particle back out of the gap between two cylinders: there
+    the depth in the contact zone, which pushes it off. On an end section |x - x*| + |y - y*|.
+    """
+    centre_x = np.array([_centre_x(obstacle) for obstacle in obstacles])[found.obstacle]
+    off_goal = positions_m - goal_m
+    behind = off_goal[..., 0] * (centre_x - goal_m[:, 0]) > 0
+    behind = behind & bool(np.any(behind[-1] & (depth_m[-1] > 0)))
+    nothing = np.zeros_like(depth_m)
+    slide = np.stack([np.sign(off_goal[..., 0]), nothing, nothing], axis=-1)
+    aside = np.stack([np.sign(off_goal[..., 0]), np.sign(off_goal[..., 1]), nothing], axis=-1)
+    wrong = np.where(behind, np.abs(off_goal[..., 0]), depth_m)
+    slope = np.where(behind[..., None], slide, -found.normal)
+    wrong = np.where(found.section, np.abs(off_goal[..., 0]) + np.abs(off_goal[..., 1]), wrong)
+    slope = np.where(found.section[..., None], aside, slope)
+    return ContactTerms(wrong, slope, behind | found.section)
+
+
+def _centre_x(obstacle: Obstacle) -> float:
+    """x of the centre of the cross-section [m]; NaN for a plane, which has none (nothing is between)."""
+    return obstacle.values["center_m"][0] if "center_m" in obstacle.values else float("nan")

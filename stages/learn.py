@@ -1,0 +1,53 @@
+"""From a goal shape to a trajectory that stays clear: reports/learn/<layout>."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+
+from dlolib.cli_values import rope_values
+from dlolib.formats import read_fit, read_layout
+from dlolib.learn import LearnSettings, ablate, learn, write_learned
+from dlolib.params import Learn, Rod, load_block
+from dlolib.sim.recording import with_parameter
+from dlolib.sim.rod import Rod as SimulatedRod
+from dlolib.types import Layout
+from stages import DATA, REPORTS, run, write_metrics
+
+
+def main(name: str) -> None:
+    block = load_block(Learn)
+    layout = read_layout(DATA / "layouts" / name)
+    rod = identified_rod(layout, block.fit_of)
+    learned = learn(layout, rod, settings())
+    ablation = None
+    if block.ablation.layout == name:
+        shorter = replace(settings(), iterations=block.ablation.iterations)
+        ablation = ablate(layout, rod, shorter, block.ablation.seeds)
+    write_metrics(f"learn_{name}", write_learned(learned, REPORTS / "learn" / name, ablation))
+
+
+def settings() -> LearnSettings:
+    """The blocks `rod` and `learn` as learning takes them."""
+    rod, block = load_block(Rod), load_block(Learn)
+    given = block.model_dump(exclude={"fit_of", "ablation", "bounds", "hidden"})
+    return LearnSettings(
+        **given,
+        particles=rod.particles,
+        hidden=(block.hidden[0], block.hidden[1]),
+        bounds=tuple(block.bounds.model_dump().values()),
+    )
+
+
+def identified_rod(layout: Layout, fit_of: str) -> SimulatedRod:
+    """The layout's rope with the stiffness that was identified on the recording `fit_of`."""
+    fit = read_fit(REPORTS / "identify" / fit_of / "fit.json")
+    known = rope_values(layout.rope, layout.name, fit, {})
+    rod = SimulatedRod(known.rope, 1.0, 1.0)
+    for name, value in known.parameters.items():
+        rod = with_parameter(rod, name, value)
+    return rod
+
+
+if __name__ == "__main__":
+    run(main, *sys.argv[1:])

@@ -1,0 +1,90 @@
+"""A rope in light from one side: where its middle is must not depend on where the light is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from chain.test_extract import seen_by
+from chain.tubes import FOCAL, Scene, along, wave, without_diameter
+
+from dlolib.chain import ChainSettings, chain_frame
+from dlolib.chain.shading import shaded_middles
+from dlolib.chain.view import View
+from dlolib.types import Floats
+
+ABOVE, BELOW, BEHIND = (0.3, -0.5, 0.8), (-0.3, -0.6, -0.7), (0.0, 0.3, 0.95)
+
+
+def across_px(axis: Floats, s_m: Floats, xyz_m: Floats, scene: Scene) -> Floats:
+    """Signed distance [px] (K,) of points from the axis in the image, upwards where the rope runs right."""
+    true, near = along(axis, s_m), along(axis, s_m + 1e-3) - along(axis, s_m - 1e-3)
+    ray = true - np.array(scene.camera_m)
+    normal = np.cross(ray, near)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    normal *= np.sign(normal @ np.array([0.0, 0.0, 1.0]))[:, None]
+    return np.asarray(np.einsum("ij,ij->i", xyz_m - true, normal) / ray[:, 1] * FOCAL)
+
+
+@pytest.mark.parametrize("known", [True, False], ids=["diameter known", "diameter unknown"])
+@pytest.mark.parametrize("light", [ABOVE, BELOW, BEHIND], ids=["above", "below", "from behind"])
+def test_a_rope_lit_from_one_side_stays_in_its_middle(light: tuple[float, float, float], known: bool) -> None:
+    axis, scene = wave(0.8), Scene(light=light, camera_m=(0.2, -0.7, 0.0))
+    frame, index = seen_by(axis, scene)
+    chain = chain_frame(frame, index if known else without_diameter(index), ChainSettings())
+    inner = slice(2, -2)
+    off = across_px(axis, chain.s_m, chain.xyz_m, scene)[inner]
+    assert len(off) == 26
+    assert abs(off.mean()) < 0.1 and np.abs(off).max() < 0.35
+
+
+SLOPE, ROW, RADIUS = 0.15, 14.0, 2.8
+
+
+def picture(offset: float, background: tuple[float, float], blur: float = 0.5) -> Floats:
+    """Grey levels (41, 80) of a straight rope, dark on one side, its middle at ROW + offset + SLOPE x."""
+    fine = 8
+    row, column = (np.mgrid[: 41 * fine, : 80 * fine] + 0.5) / fine - 0.5
+    u = (row - ROW - offset - SLOPE * column) / np.hypot(1, SLOPE) / RADIUS
+    light = 60 + 160 * np.maximum(0.6 * np.sqrt(np.maximum(1 - u**2, 0)) - 0.8 * u, 0)
+    level = np.where(np.abs(u) <= 1, light, np.where(u < 0, *background))
+    level = cv2.GaussianBlur(level, (0, 0), fine * blur, borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(level.reshape(41, fine, 80, fine).mean(axis=(1, 3)))
+
+
+def viewed(level: Floats) -> View:
+    noise = np.random.default_rng(0).normal(0, 2, level.shape)
+    grey = np.clip(np.rint(level + noise), 0, 255).astype(np.uint8)
+    row, column = np.mgrid[:41, :80]
+    mask = np.abs(row - ROW - SLOPE * column) <= RADIUS
+    unread = np.zeros(level.shape, np.float32)
+    return View(mask, unread, unread, FOCAL, FOCAL, 40.0, 20.0, grey)
+
+
+def centre_guess() -> Floats:
+    column = np.arange(5.0, 75.0)
+    return np.stack([column, ROW + SLOPE * column], axis=-1)
+
+
+@pytest.mark.parametrize("background", [(12.0, 12.0), (12.0, 30.0)], ids=["even", "lighter below"])
+@pytest.mark.parametrize("offset", [-0.4, 0.0, 0.3])
+def test_the_middle_of_a_section_is_found_to_a_tenth_of_a_pixel(
+    offset: float, background: tuple[float, float]
+) -> None:
+    level = picture(offset, background)
+    (moved,) = shaded_middles([centre_guess()], [np.full(70, RADIUS)], True, viewed(level), 10.0)
+    off = moved[:, 1] - ROW - offset - SLOPE * moved[:, 0]
+    assert abs(off[5:-5].mean()) < 0.1
+    # The yardstick can tell: by brightness the middle would lie elsewhere.
+    bright = level[:, 40] - level[:, 40].min()
+    if background == (12.0, 12.0):
+        assert bright @ np.arange(41) / bright.sum() - ROW - offset - SLOPE * 40 < -0.3
+
+
+def test_without_grey_levels_lines_stay_as_they_are() -> None:
+    view = replace(viewed(picture(0.3, (12.0, 12.0))), grey=None)
+    line = centre_guess()
+    (same,) = shaded_middles([line], [np.full(70, RADIUS)], True, view, 10.0)
+    np.testing.assert_array_equal(same, line)
