@@ -154,6 +154,8 @@ class Learn(Block):
     seed: Seed
     starts: Count
     near_goal_m: Positive
+    caught_after: Count
+    caught_m: Positive
     contact_margin_m: NotNegative
     contact_zone_m: NotNegative
     clearance_m: NotNegative

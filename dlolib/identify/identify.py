@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from scipy.optimize import OptimizeResult, least_squares
 
-from dlolib.errors import ParameterError
+from dlolib.errors import ParameterError, SimulationError
 from dlolib.identify.intervals import bootstrap
 from dlolib.identify.parameters import Unknown, acting, candidates
 from dlolib.identify.problem import Bools, Problem, axes
@@ -20,6 +20,7 @@ from dlolib.types import Estimate, Fit, Floats, Recording
 
 # EI over linear density where the search begins [m^4/s^2]: a decade either side is tried as well.
 FIRST_STIFFNESS_M4_S2 = (1e-3, 1e-2, 1e-1)
+START_FACTORS = (1.0, 0.1, 10.0)
 # The mesh of the discretisation correction, and how often it is made anew at the fit's own optimum.
 FINER, CORRECTIONS = 4, 2
 
@@ -87,7 +88,7 @@ def identify(recordings: Sequence[Recording], settings: IdentifySettings) -> Ide
     problem, theta = _begin(recordings, settings)
     problem, theta = _acting_only(problem, theta, settings)
     history: list[Floats] = []
-    theta = _solve(problem, theta, settings, history).x
+    theta = _best_start(problem, theta, settings, history)
     for _ in range(CORRECTIONS):
         problem = _corrected(problem, theta, settings)
         theta = _solve(problem, theta, settings, history).x
@@ -117,6 +118,24 @@ def _begin(recordings: Sequence[Recording], settings: IdentifySettings) -> tuple
 
     costs = [float(np.sum(problem.residuals(coordinates(ratio)) ** 2)) for ratio in FIRST_STIFFNESS_M4_S2]
     return problem, coordinates(FIRST_STIFFNESS_M4_S2[int(np.argmin(costs))])
+
+
+def _best_start(problem: Problem, theta: Floats, settings: IdentifySettings, history: list[Floats]) -> Floats:
+    """The best optimum from several stiffnesses: a taut or a stiff rope has others, far from the truth."""
+    found: list[tuple[float, Floats, list[Floats]]] = []
+    for factor in START_FACTORS:
+        start = theta + np.array([np.log(factor) if u.logarithmic else 0.0 for u in problem.unknowns])
+        steps: list[Floats] = []
+        try:
+            end = _solve(problem, start, settings, steps)
+        except SimulationError:
+            continue
+        found.append((float(end.cost), end.x, steps))
+    if not found:
+        raise SimulationError("no stiffness could be simulated", mend="check the recording's units and ends")
+    _, best, steps = min(found, key=lambda one: one[0])
+    history.extend(steps)
+    return best
 
 
 def _acting_only(problem: Problem, theta: Floats, settings: IdentifySettings) -> tuple[Problem, Floats]:

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from autograd.misc.optimizers import adam
 
+from dlolib.errors import SimulationError
 from dlolib.learn.arcs import PARAMETERS
 from dlolib.learn.goal import check_learnable, goal_at_particles
 from dlolib.learn.policy import Policy, xavier
@@ -18,6 +19,10 @@ from dlolib.learn.train import Episode, Learner
 from dlolib.progress import track
 from dlolib.sim.rod import Rod
 from dlolib.types import Floats, Layout
+
+
+# Iterations without a better path after which one on the goal is taken.
+PATIENCE = 20
 
 
 @dataclass(frozen=True)
@@ -38,6 +43,10 @@ class Learned:
     def free(self) -> bool:
         """Whether the kept path has the clearance that was asked for."""
         return self.kept.min_clearance_m >= self.settings.clearance_m
+
+
+class Caught(Exception):  # noqa: N818
+    """The path is caught behind an obstacle."""
 
 
 def learn(
@@ -61,13 +70,14 @@ def learn(
     check_learnable(layout)
     goal_m = goal_at_particles(layout, settings.particles)
     inputs = goal_m.size + PARAMETERS
-    held = rope or HeldRope(layout, rod, settings)
+    held = rope or HeldRope(layout, rod, settings, settings.contact_margin_m)
+    bare = rope or HeldRope(layout, rod, settings, 0.0)
     best: Learned | None = None
     for seed in range(settings.seed, settings.seed + settings.starts):
         tried = replace(settings, seed=seed)
         weights = xavier(inputs, tried.hidden, seed)
         policy = Policy(weights, np.array(tried.bounds), goal_m, layout.rope.length_m)
-        learned = _train(Learner(layout, held, policy, tried), tried)
+        learned = _train(Learner(layout, held, policy, tried), bare, tried)
         if best is None or _rank(learned.kept, settings) < _rank(best.kept, settings):
             best = learned
         if learned.free and learned.kept.goal.mean_m <= settings.near_goal_m:
@@ -76,8 +86,15 @@ def learn(
     return best
 
 
-def _train(learner: Learner, settings: LearnSettings) -> Learned:
-    """Lines 2 to 12 of Algorithm 2 with Adam, as the paper's rate suggests; keep the best iterate."""
+class Settled(Exception):
+    """The path is on the goal and has gained no clearance for a while."""
+
+
+def _train(learner: Learner, bare: DifferentiableRope, settings: LearnSettings) -> Learned:
+    """Lines 2 to 12 of Algorithm 2 with Adam, as the paper's rate suggests; keep the best iterate.
+
+    What is ranked is the path driven with the rope as it is (`bare`), without the margin of learning.
+    """
     rows: list[dict[str, float]] = []
     best: tuple[Floats, Episode, int] | None = None
     label = f"learn {learner.layout.name} ({settings.loss}, seed {settings.seed})"
@@ -89,12 +106,30 @@ def _train(learner: Learner, settings: LearnSettings) -> Learned:
         episode = learner.episode(weights)
         rows.append(_row(iteration, episode))
         if best is None or _rank(episode, settings) < _rank(best[1], settings):
-            best = weights.copy(), episode, iteration
+            replayed = learner.replayed(episode, bare)
+            if best is None or _rank(replayed, settings) < _rank(best[1], settings):
+                best = weights.copy(), replayed, iteration
+        if _rank(best[1], settings)[0] == 0 and iteration - best[2] >= PATIENCE:
+            raise Settled
+        nearest_m = min(row["goal_error_mean_m"] for row in rows)
+        if settings.starts > 1 and iteration >= settings.caught_after and nearest_m > settings.caught_m:
+            raise Caught
         return episode.gradient
 
-    adam(
-        gradient, learner.flat, num_iters=settings.iterations, step_size=settings.rate, b2=settings.forgetting
-    )
+    try:
+        adam(
+            gradient,
+            learner.flat,
+            num_iters=settings.iterations,
+            step_size=settings.rate,
+            b2=settings.forgetting,
+        )
+    except Settled:
+        pass
+    except (Caught, SimulationError):
+        # behind an obstacle, or where no rope can follow: these weights have come to their end
+        if best is None:
+            raise
     next(ticks, None)
     assert best is not None
     weights, kept, iteration = best

@@ -57,11 +57,17 @@ class HeldRope:
 
     Every step starts at rest (no momentum): an arm that takes seconds for a hand's breadth moves the
     rope from one rest to the next, and what is learned then holds at any slow speed.
+
+    Args:
+        layout: ends, gravity, obstacles.
+        rod: the rope's physics; its number of particles comes from the settings.
+        settings: particles, duration of a step.
+        margin_m: the rope touches obstacles this much before its surface does.
     """
 
-    def __init__(self, layout: Layout, rod: Rod, settings: LearnSettings) -> None:
+    def __init__(self, layout: Layout, rod: Rod, settings: LearnSettings, margin_m: float) -> None:
         # a thicker rope keeps the clearance; mass and stiffness are given per length and stay
-        rope = replace(layout.rope, diameter_m=2 * (layout.rope.radius_m + settings.contact_margin_m))
+        rope = replace(layout.rope, diameter_m=2 * (layout.rope.radius_m + margin_m))
         self.rod = rod.with_values(rope=rope, particles=settings.particles)
         self.layout = layout
         self.clock = Clock(settings.step_s, momentum=0.0)

@@ -13,12 +13,12 @@ Loss = Literal["contact", "mse"]
 
 @dataclass(frozen=True)
 class LearnSettings:
-    """Settings of Algorithm 2; rate, weights, h, k and Λ default to the paper's Table I.
+    """Settings of Algorithm 2; iterations, weights, h, k and Λ default to the paper's Table I.
 
     Args:
         iterations: most updates of the weights.
-        rate: Adam's learning rate η.
-        forgetting: Adam's β2; 0.99 instead of the usual 0.999, since the first contact's large gradient would
+        rate: Adam's learning rate η; Table I has 0.001, with which 200 iterations often are too few.
+        forgetting: Adam's β2; 0.9 instead of the usual 0.999, since the first contact's large gradient would
             else hold the steps small for hundreds of iterations.
         contact_weight, goal_weight: ω1 and ω2 of (19).
         steps: h, simulation steps of the whole path.
@@ -27,6 +27,8 @@ class LearnSettings:
         hidden: neurons of the two hidden layers (the paper's figure does not survive in its text).
         seed: of the initial weights.
         starts: initial weights to try, of seeds seed, seed + 1, ..., until a path is free and near the goal.
+        caught_after, caught_m: weights whose mean goal error has not been below this after so many iterations
+            are caught behind an obstacle, and the next are tried.
         near_goal_m: the mean goal error at which that is so; the best of all starts is kept otherwise.
         loss: "contact" for (19) whole, "mse" for its second term alone, as in the ablation.
         step_s: duration of a step [s]: how slowly the trajectory is driven.
@@ -40,9 +42,9 @@ class LearnSettings:
             kept; where there is none, the one with the smallest error.
     """
 
-    iterations: int = 150
-    rate: float = 0.001
-    forgetting: float = 0.99
+    iterations: int = 200
+    rate: float = 0.002
+    forgetting: float = 0.9
     contact_weight: float = 0.1
     goal_weight: float = 1.0
     steps: int = 300
@@ -50,13 +52,15 @@ class LearnSettings:
     bounds: tuple[float, float, float, float, float] = TABLE_I_BOUNDS
     hidden: tuple[int, int] = (64, 32)
     seed: int = 1
-    starts: int = 5
-    near_goal_m: float = 0.008
+    starts: int = 12
+    near_goal_m: float = 0.002
+    caught_after: int = 50
+    caught_m: float = 0.025
     loss: Loss = "contact"
     step_s: float = 0.05
     particles: int = 30
-    contact_margin_m: float = 0.004
-    contact_zone_m: float = 0.008
+    contact_margin_m: float = 0.003
+    contact_zone_m: float = 0.007
     clearance_m: float = 0.002
     goal_tolerance_m: float = 0.001
 

@@ -156,6 +156,19 @@ class Learner:
         end_m, back_m, parameters, from_m = np.split(row, np.cumsum((3 * steps, steps, PARAMETERS)))
         return end_m.reshape(-1, 3), back_m, parameters, from_m
 
+    def replayed(self, episode: Episode, rope: DifferentiableRope) -> Episode:
+        """The same path with another rope: what becomes of it without the margin that it was learned with."""
+        state, first_m = rope.start()
+        positions_m = np.concatenate([first_m[None], rope.forward(state, episode.end_m).positions_m[1:]])
+        obstacles, radius_m = self.layout.obstacles, self.layout.rope.radius_m
+        return replace(
+            episode,
+            positions_m=positions_m,
+            contacts=path_loss(positions_m, self.policy.goal_m, obstacles, radius_m, self.settings).contacts,
+            goal=goal_error(positions_m[-1], self.policy.goal_m),
+            min_clearance_m=float(clearance(positions_m, radius_m, obstacles).min()),
+        )
+
     def trained(self, weights: Floats) -> Policy:
         """The policy with other weights."""
         return replace(self.policy, weights=self.unflatten(weights))

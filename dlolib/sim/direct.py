@@ -29,7 +29,7 @@ CONVERGED, UNCONVERGED, NOT_FINITE = 0, 1, 2
 LARGEST_TURN = 0.5
 # A Newton step this small that no longer shrinks is rounding: the stretch stiffness times the last bit of a
 # position is a force, and a soft rope moves under it.
-ROUNDING = 1e-6
+ROUNDING = 1e-7
 
 
 @ti.func
@@ -110,12 +110,21 @@ def roll_out(
                 if t > 1:
                     turn = product(conjugate(q[b, t - 2, i]), q[b, t - 1, i])
                     q[b, t, i] = product(q[b, t - 1, i], turn).normalized()
+            # what the held ends do beyond that is shared out along the rope, lest their segments alone stretch
+            beyond_start, beyond_end = vec3(0.0), vec3(0.0)
             if clamped[b, 0] == 1:
-                x[b, t, 0] = end_x[b, t - 1, 0]
+                beyond_start = end_x[b, t - 1, 0] - x[b, t, 0]
                 q[b, t, 0] = end_q[b, t - 1, 0]
             if clamped[b, 1] == 1:
-                x[b, t, n - 1] = end_x[b, t - 1, 1]
+                beyond_end = end_x[b, t - 1, 1] - x[b, t, n - 1]
                 q[b, t, n] = end_q[b, t - 1, 1]
+            for p in range(n):
+                share = float(p) / float(n - 1)
+                x[b, t, p] = x[b, t, p] + (1.0 - share) * beyond_start + share * beyond_end
+            if clamped[b, 0] == 1:
+                x[b, t, 0] = end_x[b, t - 1, 0]
+            if clamped[b, 1] == 1:
+                x[b, t, n - 1] = end_x[b, t - 1, 1]
             done = not alive
             lowest = 1e300
             fraction = 1.0
@@ -146,7 +155,7 @@ def roll_out(
                     for r in range(rows):
                         y[b, 1, r] = y[b, 0, r]
                         length = ti.max(length, ti.abs(y[b, 0, r]))
-                    if not (length < 1e6):
+                    if not (length < 1e300):
                         done = True
                         status[b, t - 1] = NOT_FINITE
                         alive = False

@@ -20,7 +20,7 @@ from dlolib.types import Ends, Floats, Motion, Points, Pose, Recording
 
 # Between two quasi-static steps an end moves and turns at most this much, so that the rope follows its
 # branch where several equilibria exist.
-LARGEST_MOVE_M, LARGEST_TURN_RAD = 0.02, 0.1
+LARGEST_MOVE_M, LARGEST_TURN_RAD = 0.01, 0.1
 # Where a clamp's roll was not measured it carries this share of the torsional stiffness.
 FREE_ROLL = 1e-6
 

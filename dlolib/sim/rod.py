@@ -117,7 +117,9 @@ def _one(rod: Rod, gravity: Floats, ends: Ends, obstacles: Sequence[Obstacle]) -
     mass[-1] += rod.rope.tip_mass_kg
     weight = float(np.linalg.norm(gravity))
     load = rod.linear_density * max(weight, 9.81)
-    axial = (load * length + rod.rope.tip_mass_kg * weight + ei / length**2) / WEIGHT_STRAIN
+    # in powers of ten, so that it does not vary with the stiffness that a fit moves in
+    bend = 10.0 ** np.ceil(np.log10(ei / length**2))
+    axial = (load * length + rod.rope.tip_mass_kg * weight + bend) / WEIGHT_STRAIN
     # the particles' shares of the length, split between themselves and the segments' middles
     contact = np.empty(2 * n - 1)
     contact[0::2], contact[1::2] = share / 2, segment / 2

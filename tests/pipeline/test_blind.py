@@ -19,7 +19,12 @@ from tests.pipeline.conftest import ROOT
 SMALL = {
     "identify": {"iterations": 5, "bootstrap": 10, "paper_on": []},
     "rod": {"particles": 12, "longest_segment_m": 0.05},
-    "learn": {"iterations": 2, "steps": 30, "ablation": {"layout": "layout_1", "seeds": [1]}},
+    "learn": {
+        "iterations": 2,
+        "steps": 30,
+        "starts": 1,
+        "ablation": {"layout": "layout_1", "iterations": 2, "seeds": [1]},
+    },
 }
 STAGES = (
     ("ingest",),

@@ -55,7 +55,7 @@ def test_adjoint_is_the_derivative(clock: Clock, obstacles: tuple) -> None:
         return float(np.sum(moved(rod, state, way, clock, obstacles).x * weights))
 
     found = gradient(moved(rod, start, way, clock, obstacles), weights)
-    h = 1e-4 * EI
+    h = 1e-5 * EI
     by_ei = (
         loss(rod.with_values(bending_stiffness=EI + h), way)
         - loss(rod.with_values(bending_stiffness=EI - h), way)

@@ -1,0 +1,71 @@
+"""What the committed layouts must be, so that learning them means something."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dlolib.errors import LayoutError
+from dlolib.formats import nearest_distance, read_layout
+from dlolib.learn.goal import check_learnable
+from dlolib.types import Layout
+
+LAYOUTS = sorted(Path("data/layouts").glob("layout_*"))
+YIELD_CURVATURE_1_M = 8.0
+GAP_HALF_M = 0.02
+
+
+@pytest.fixture(params=LAYOUTS, ids=lambda path: path.name)
+def layout(request: pytest.FixtureRequest) -> Layout:
+    return read_layout(request.param)
+
+
+def middle_and_direction(layout: Layout) -> tuple[np.ndarray, np.ndarray]:
+    centres = np.array([o.values["center_m"] for o in layout.obstacles])
+    across = centres[1] - centres[0]
+    return centres.mean(axis=0), across / np.linalg.norm(across)
+
+
+def test_there_are_four() -> None:
+    assert len(LAYOUTS) == 4
+
+
+def test_two_cylinders_of_the_paper(layout: Layout) -> None:
+    assert [o.values["radius_m"] for o in layout.obstacles] == [(0.03,), (0.03,)]
+    centres = np.array([o.values["center_m"] for o in layout.obstacles])
+    assert np.linalg.norm(centres[1] - centres[0]) == pytest.approx(0.1, abs=1e-5)
+
+
+def test_the_goal_is_a_rope_clear_of_the_cylinders(layout: Layout) -> None:
+    length = np.linalg.norm(np.diff(layout.goal_m, axis=0), axis=1).sum()
+    assert length == pytest.approx(layout.rope.length_m, rel=1e-3)
+    assert nearest_distance(layout.obstacles, layout.goal_m).min() - layout.rope.radius_m > 0.008
+
+
+def test_a_quarter_of_the_goal_lies_in_the_gap_between_them(layout: Layout) -> None:
+    # the gap: the 40 mm between the two planes that touch both cylinders' facing sides
+    middle, across = middle_and_direction(layout)
+    inside = np.abs((layout.goal_m - middle) @ across) <= GAP_HALF_M
+    assert inside.mean() >= 0.25
+
+
+def test_the_straight_way_touches_a_cylinder(layout: Layout) -> None:
+    a, b = layout.grasp.position_m, layout.goal_m[-1]
+    assert np.linalg.norm(b - a) >= 0.1
+    way = a + np.linspace(0, 1, 200)[:, None] * (b - a)
+    assert nearest_distance(layout.obstacles, way).min() < layout.rope.radius_m
+
+
+def test_layout_2_bends_past_the_laboratorys_yield_curvature() -> None:
+    layout = read_layout(Path("data/layouts/layout_2"))
+    x, z = layout.goal_m[:, 0], layout.goal_m[:, 2]
+    angle = np.unwrap(np.arctan2(np.gradient(z), np.gradient(x)))
+    assert (np.abs(np.gradient(angle, layout.goal_s_m)) > YIELD_CURVATURE_1_M).mean() >= 0.3
+
+
+def test_a_layout_without_a_plane_for_its_arcs_is_refused(layout: Layout) -> None:
+    from dataclasses import replace
+
+    above = layout.goal_m[-1] + [0, 0, 0.1]
+    with pytest.raises(LayoutError, match="straight above"):
+        check_learnable(replace(layout, grasp=replace(layout.grasp, position_m=above)))

@@ -1,0 +1,66 @@
+"""Algorithm 2 on the real rod: the gradient through all sub-trajectories, and that learning learns."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from dlolib.errors import ParameterError
+from dlolib.formats import read_layout, read_motion
+from dlolib.learn import LearnSettings, ablate, learn, write_learned
+from dlolib.learn.arcs import PARAMETERS
+from dlolib.learn.goal import goal_at_particles
+from dlolib.learn.policy import Policy, xavier
+from dlolib.learn.rope import HeldRope
+from dlolib.learn.train import Learner
+from dlolib.sim.rod import Rod
+
+LAYOUT = read_layout(Path("data/layouts/layout_2"))
+ROD = Rod(LAYOUT.rope, 3e-4, 3e-4)
+SMALL = LearnSettings(steps=60, segments=3, hidden=(8, 6), particles=20, iterations=20, starts=1, rate=0.01)
+
+
+def learner(settings: LearnSettings) -> Learner:
+    goal = goal_at_particles(LAYOUT, settings.particles)
+    weights = xavier(goal.size + PARAMETERS, settings.hidden, settings.seed)
+    policy = Policy(weights, np.array(settings.bounds), goal, LAYOUT.rope.length_m)
+    return Learner(LAYOUT, HeldRope(LAYOUT, ROD, settings), policy, settings)
+
+
+def test_gradient_through_controller_and_rope() -> None:
+    made = learner(SMALL)
+    found = made.episode(made.flat).gradient
+    rng = np.random.default_rng(0)
+    for _ in range(3):
+        way = rng.normal(size=found.size)
+        h = 1e-5
+        ahead, behind = (made.episode(made.flat + s * h * way, want_gradient=False).loss for s in (1, -1))
+        assert found @ way == pytest.approx((ahead - behind) / (2 * h), rel=1e-5)
+
+
+def test_learning_lowers_the_loss_and_writes_it_down(tmp_path: Path) -> None:
+    learned = learn(LAYOUT, ROD, SMALL)
+    assert learned.curve["loss"].min() < 0.8 * learned.curve["loss"].iloc[0]
+    content = write_learned(learned, tmp_path / "out")
+    assert content["min_clearance_m"] == pytest.approx(learned.kept.min_clearance_m)
+    motion = read_motion(tmp_path / "out" / "trajectory.csv")
+    assert motion.end_m[0] == pytest.approx(LAYOUT.grasp.position_m, abs=1e-6)
+    assert motion.end_m[1:] == pytest.approx(learned.kept.end_m, abs=1e-8)
+
+
+def test_same_seed_same_path() -> None:
+    first, again = (learn(LAYOUT, ROD, SMALL).kept.end_m for _ in range(2))
+    assert np.array_equal(first, again)
+
+
+def test_ablation_keeps_every_run() -> None:
+    table = ablate(LAYOUT, ROD, LearnSettings(steps=20, segments=2, particles=10, iterations=2), (1, 2))
+    runs = pd.MultiIndex.from_frame(table[["loss", "seed"]]).unique()
+    assert len(runs) == 4
+    assert len(table) == 8
+
+
+def test_settings_that_do_not_fit_together_are_refused() -> None:
+    with pytest.raises(ParameterError, match="do not divide"):
+        LearnSettings(steps=100, segments=7)
