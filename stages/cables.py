@@ -57,8 +57,7 @@ def agree(each: Sequence[Identified], joint: Identified, recordings: Sequence[Re
     """
     apart = sum(_squares(one) for one in each)
     together = _squares(joint)
-    own = sum(len(one.fit.parameters) for one in each)
-    shared = len(joint.fit.parameters) + sum(len(n) for n in joint.fit.nuisances.values())
+    own, shared = sum(_unknowns(one) for one in each), _unknowns(joint)
     poses = sum(len(np.unique(r.points.frame)) for r in recordings)
     more, left = own - shared, poses - own
     statistic = (together - apart) / more / (apart / left)
@@ -100,6 +99,10 @@ def _figures(found: Identified, recordings: Sequence[Recording]) -> dict[str, An
         "heldout_rmse_m": figures["heldout_rmse_m"],
         "heldout_frames": figures["heldout_frames"],
     }
+
+
+def _unknowns(found: Identified) -> int:
+    return len(found.fit.parameters) + sum(len(own) for own in found.fit.nuisances.values())
 
 
 def _squares(found: Identified) -> float:

@@ -20,7 +20,6 @@ from dlolib.progress import track
 from dlolib.sim.rod import Rod
 from dlolib.types import Floats, Layout
 
-
 # Iterations without a better path after which one on the goal is taken.
 PATIENCE = 20
 
@@ -86,7 +85,7 @@ def learn(
     return best
 
 
-class Settled(Exception):
+class Settled(Exception):  # noqa: N818
     """The path is on the goal and has gained no clearance for a while."""
 
 

@@ -39,10 +39,11 @@ def path_loss(
 ) -> LossValue:
     """ω1 Σ L_c + ω2 MSE(x^h, x*): (19).
 
-    Two readings of ours. The sum over contacts is divided by the number of steps: a particle that leans
-    on a cylinder all the way then counts once, in the metres in which it lies wrong, and Table I's
-    weights are of use; undivided, contacts outweigh the goal ten-thousandfold. And with the sum of (20)
-    over x and y for an end section goes the sum over its surface, see `_contact`.
+    How we read Σ_Γ: a mean. Summed as printed, hundreds of contacts of centimetres outweigh the goal's
+    square millimetres ten-thousandfold. Contacts with an obstacle in the way are averaged over their number,
+    but over a tenth of the steps at least, so that the last few of them fade out; pushing off (see
+    `_contact`) is averaged over the steps. A contact's weight grows from 0 at the zone's edge to 1 at the
+    margin; as the set Γ in the paper, it is not differentiated.
 
     Args:
         positions_m: particles at all steps, the first before the first step, shape (T + 1, N, 3).
@@ -75,10 +76,13 @@ def _contact(
 ) -> ContactTerms:
     """L_c of every particle (T, N), were it in contact, and its derivative (T, N, 3): (20).
 
-    On a surface: |x - o_c| as long as the obstacle's centre lies between the particle and its goal, so that
-    it slides round the obstacle. Once past it, or on the goal's side from the beginning, there is nothing
-    to slide round, and |x - o_c| would pull a particle back out of the gap between two cylinders: there
-    the depth in the contact zone, which pushes it off. On an end section |x - x*| + |y - y*|.
+    On an end section |x - x*| + |y - y*|, as printed. On a surface the paper has |x - o_c|, after naming the
+    term "the difference between the particle at the position of the collision and its corresponding goal
+    particle". Both draw a particle the same way as long as the obstacle's centre lies between it and its
+    goal; but |x - o_c| lets the rope rest under the obstacle's middle and pulls one that touches the far
+    cylinder of the gap from within back out of the gap. So here it is |x - x*| for a particle that comes
+    to its goal from the obstacle's side, and only while the last shape leans on an obstacle so. Every other
+    contact costs its depth in the contact zone, which pushes the particle off.
     """
     centre_x = np.array([_centre_x(obstacle) for obstacle in obstacles])[found.obstacle]
     off_goal = positions_m - goal_m

@@ -110,7 +110,7 @@ def roll_out(
                 if t > 1:
                     turn = product(conjugate(q[b, t - 2, i]), q[b, t - 1, i])
                     q[b, t, i] = product(q[b, t - 1, i], turn).normalized()
-            # what the held ends do beyond that is shared out along the rope, lest their segments alone stretch
+            # what the held ends do beyond that is shared out along the rope, or their segments alone stretch
             beyond_start, beyond_end = vec3(0.0), vec3(0.0)
             if clamped[b, 0] == 1:
                 beyond_start = end_x[b, t - 1, 0] - x[b, t, 0]

@@ -25,7 +25,7 @@ def learner(settings: LearnSettings) -> Learner:
     goal = goal_at_particles(LAYOUT, settings.particles)
     weights = xavier(goal.size + PARAMETERS, settings.hidden, settings.seed)
     policy = Policy(weights, np.array(settings.bounds), goal, LAYOUT.rope.length_m)
-    return Learner(LAYOUT, HeldRope(LAYOUT, ROD, settings), policy, settings)
+    return Learner(LAYOUT, HeldRope(LAYOUT, ROD, settings, settings.contact_margin_m), policy, settings)
 
 
 def test_gradient_through_controller_and_rope() -> None:
