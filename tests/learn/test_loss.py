@@ -5,7 +5,6 @@ import pytest
 
 from dlolib.learn.arm import outside
 from dlolib.learn.loss import path_loss
-from dlolib.learn.policy import xavier
 from dlolib.learn.settings import LearnSettings
 from dlolib.types import Obstacle
 
@@ -20,14 +19,14 @@ SETTINGS = LearnSettings()
 
 
 def at(place: tuple[float, float, float], loss: str = "contact") -> tuple[float, np.ndarray, int]:
-    """Loss of a rope of two particles at two steps, the second's last one at a place; its derivative there."""
+    """Loss of a rope of two particles at two steps, the last one at a place; its derivative there."""
     positions = np.array([[FAR, FAR], [FAR, place]])
     found = path_loss(positions, GOAL, [CYLINDER], RADIUS_M, LearnSettings(loss=loss))
     return found.value, found.d_positions, found.contacts
 
 
 def beside(angle: float, gap_m: float) -> tuple[float, float, float]:
-    """A place on the axis of a rope whose surface is so far from the cylinder's, y a little off the middle."""
+    """A place on the axis of a rope whose surface is so far from the cylinder's, y off the middle."""
     r = 0.03 + RADIUS_M + gap_m
     return r * np.cos(angle), 0.001, r * np.sin(angle)
 
@@ -99,9 +98,3 @@ def test_the_arm_is_held_outside_and_differentiated_along_the_surface() -> None:
         for step in (h * np.stack([axis, np.zeros(3)]) for axis in np.eye(3))
     ]
     assert found == pytest.approx(np.array(differences).T, abs=1e-5)
-
-
-def test_the_first_arc_turns_as_told() -> None:
-    weights = xavier(95, (64, 32), seed=1, first_arc=-0.75)
-    assert np.tanh(weights[-1][1]) == pytest.approx([-0.75, 0.5 / 1.5, 0, 0, 0])
-    assert not any(bias.any() for _, bias in xavier(95, (64, 32), seed=1))
