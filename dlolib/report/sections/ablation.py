@@ -89,7 +89,7 @@ def _curves(name: str, table: pd.DataFrame, figures: Path) -> Figure:
         f"{title(name)} from {table['seed'].nunique()} initial weights, one curve a run. Left the mean "
         "goal error, right the smallest clearance. See whether plain squared error (orange) stays at the "
         "cylinder, where no step toward the goal lowers the loss any more, while the contact term (blue) "
-        "leads around it.",
+        "may lead around it; how far each comes says how much that is worth from these weights.",
         "Goal error and clearance over the iterations for both losses",
     )
 
