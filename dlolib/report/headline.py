@@ -19,9 +19,8 @@ def stiffness(results: Results, name: str = CAPTURED) -> Estimate | None:
 
 
 def clear(result: Mapping[str, Any]) -> bool:
-    """Whether a learned or executed motion kept out of every obstacle at every step."""
-    value = result.get("min_clearance_m")
-    return value is not None and value >= 0
+    """Whether a learned motion kept out of every obstacle at every step."""
+    return bool(result["min_clearance_m"] >= 0)
 
 
 def headline(results: Results) -> dict[str, Any]:
@@ -34,13 +33,11 @@ def headline(results: Results) -> dict[str, Any]:
     ei, fit = stiffness(results), results.fit(CAPTURED)
     in_newton = ei is not None and "N" in ei.unit
     learned = [result for name in results.layouts if (result := results.json("learn", name, "result.json"))]
-    errors = [result["goal_error_m"]["mean"] for result in learned if result.get("goal_error_m")]
-    clearances = [value for result in learned if (value := result.get("min_clearance_m")) is not None]
     error = results.chain_error
     return {
         "ei_n_m2": {"value": ei.value, "low": ei.low, "high": ei.high} if ei and in_newton else None,
         "residual_m": fit.rmse_m if fit else None,
         "chain_rms_m": error.rms_m if error else None,
-        "worst_goal_error_m": max(errors) if errors else None,
-        "smallest_clearance_m": min(clearances) if clearances else None,
+        "worst_goal_error_m": max(result["goal_error_m"]["mean"] for result in learned) if learned else None,
+        "smallest_clearance_m": min(result["min_clearance_m"] for result in learned) if learned else None,
     }

@@ -35,9 +35,9 @@ class Truth:
     s_m: Floats
 
     @property
-    def bending_stiffness_n_m2(self) -> float | None:
+    def bending_stiffness_n_m2(self) -> float:
         """The rope's true EI [N m²]."""
-        return find_number(self.laws, "bending_stiffness", "bending_stiffness_n_m2", "EI_n_m2", "ei_n_m2")
+        return float(self.laws["bending_stiffness_n_m2"])
 
 
 @dataclass(frozen=True)
@@ -145,18 +145,6 @@ def read_table(path: Path) -> pd.DataFrame | None:
         return pd.read_csv(path)
     except (ValueError, UnicodeDecodeError) as error:
         raise FormatError(f"no CSV table ({error})", file=path, mend="run its stage again") from error
-
-
-def find_number(content: Mapping[str, Any], *names: str) -> float | None:
-    """The first of the named numbers, at the top or one level down; None where there is none."""
-    for level in (content, *(value for value in content.values() if isinstance(value, Mapping))):
-        for name in names:
-            value = level.get(name)
-            if isinstance(value, Mapping):
-                value = value.get("value")
-            if isinstance(value, int | float) and not isinstance(value, bool):
-                return float(value)
-    return None
 
 
 def _folders(path: Path) -> list[str]:

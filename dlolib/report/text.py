@@ -72,6 +72,11 @@ def span(low: float | None, high: float | None, digits: int = 3) -> str:
     return f"{fixed(low * scale, digits - 1)} to {fixed(high * scale, digits - 1)} × {power(exponent)}"
 
 
+def nice_unit(unit: str) -> str:
+    """A unit of fit.json as a person writes it: N m^2 is N m²."""
+    return unit.replace("^2", "²").replace("^4", "⁴")
+
+
 def title(name: str) -> str:
     """A folder's name as a person writes it: layout_1 is "Layout 1"."""
     words = name.replace("_", " ").replace("-", " ")

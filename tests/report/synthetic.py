@@ -284,27 +284,26 @@ def _write_ablation(path: Path, rng: np.random.Generator) -> None:
 
 
 def _write_extras(folder: Path) -> None:
-    names = ("unweighted", "weighted", "short_unweighted", "short_weighted")
-    recordings = {
-        name: {
-            "bending_stiffness": {"value": v, "low": 0.9 * v, "high": 1.1 * v},
+    names = ("unweighted", "weighted", "short_unweighted", "short_weighted", "all together")
+    each = [
+        {
+            "name": name,
+            "parameters": {"bending_stiffness": _estimate(value)},
             "rmse_m": 0.009,
-            ("heldout_rmse_m"): 0.011,
+            "heldout_rmse_m": 0.011,
         }
-        for name, v in zip(names, (0.11, 0.13, 0.09, 0.15), strict=True)
+        for name, value in zip(names, (0.11, 0.13, 0.09, 0.15, 0.12), strict=True)
+    ]
+    cables = {
+        "recordings": each[:-1],
+        "joint": each[-1],
+        "test": {"says": "Do they agree? F(3, 20) = 11.2, p = 0.0002: at the 5 % level they do not agree."},
+        "contradiction": "The chord is longer than the cable in no pose.",
     }
-    joint = {
-        "bending_stiffness": {"value": 0.12, "low": 0.11, "high": 0.13},
-        "rmse_m": 0.014,
-        ("heldout_rmse_m"): 0.016,
-    }
-    test = {"name": "F test", "statistic": 11.2, "p_value": 2e-4}
-    write_json(folder / "cables.json", {"recordings": recordings, "joint": joint, "test": test})
-    write_json(folder / "elastic.json", {"bending_stiffness": {"value": 3.02e-4, "low": 2.9e-4, (
-        "high"
-    ): 3.1e-4, (
-        "unit"
-    ): (
-        "N m^2"
-    )},
-                                         "true_ei_n_m2": 3e-4, "rmse_m": 0.0012})  # fmt: skip
+    write_json(folder / "cables.json", cables)
+    elastic = {"bending_stiffness": _estimate(3.02e-4), "true_ei_n_m2": 3e-4, "ei_error": 0.0067}
+    write_json(folder / "elastic.json", {**elastic, "rmse_m": 0.0012})
+
+
+def _estimate(value: float) -> dict[str, object]:
+    return {"value": value, "low": 0.9 * value, "high": 1.1 * value, "unit": "N m^2"}

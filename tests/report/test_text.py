@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from dlolib.report.text import fixed, listed, millimetres, scientific, span, spans, title
+from dlolib.report.text import fixed, listed, millimetres, nice_unit, scientific, span, spans, title
 
 
 @pytest.mark.parametrize(
@@ -47,3 +47,8 @@ def test_names_as_a_person_writes_them() -> None:
     assert title("layout_1") == "Layout 1"
     assert listed(["a", "b", "c"]) == "a, b and c"
     assert listed(["a"]) == "a"
+
+
+def test_units_as_a_person_writes_them() -> None:
+    assert nice_unit("N m^2") == "N m²"
+    assert nice_unit("m^4/s^2") == "m⁴/s²"

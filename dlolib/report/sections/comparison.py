@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from dlolib.report import paper
 from dlolib.report.headline import clear, headline, stiffness
 from dlolib.report.model import Column, Paragraph, Section, Table
-from dlolib.report.results import CAPTURED, Results, find_number
+from dlolib.report.results import CAPTURED, Results
 from dlolib.report.sections.ablation import last_of_runs
 from dlolib.report.text import ABSENT, listed, millimetres, scientific, span, title
 
@@ -37,15 +39,11 @@ def section(results: Results, figures: Path) -> Section:
 
 def _identification(results: Results) -> tuple[Row, ...]:
     command = f"`dvc repro identify@{CAPTURED}`"
-    summary = results.json("identify", CAPTURED, "summary.json") or {}
-    loss, ei = summary.get("loss_paper_m"), stiffness(results)
-    frames = summary.get("frames")
-    ours = f"{scientific(loss, 3)} m" if loss is not None else ABSENT
-    if loss is not None and frames:
-        ours += f" over {frames} frames, {millimetres(loss / frames, 2)} mm a point"
+    summary, ei, ours = results.json("identify", CAPTURED, "summary.json"), stiffness(results), ABSENT
+    if summary is not None:
+        loss, frames = summary["loss_paper_m"], summary["frames"]
+        ours = f"{scientific(loss, 3)} m over {frames} frames, {millimetres(loss / frames, 2)} mm a point"
     value = f"{scientific(ei.value)} N m² ({span(ei.low, ei.high)})" if ei else ABSENT
-    published = summary.get("paper_method") or {}
-    alpha = find_number(published, "alpha_b", "final_alpha_b")
     return (
         ("Loss (12) at the end, Fig. 9", "about 0.2 m over 40 frames, 5 mm a point", ours, command),
         (
@@ -58,7 +56,7 @@ def _identification(results: Results) -> tuple[Row, ...]:
         (
             "The paper's own method: gradient descent on α~b~ from 0.1",
             f"α~b~ = {paper.FINAL_ALPHA_B} after {paper.IDENTIFY_ITERATIONS} iterations",
-            _published(published, alpha),
+            _published(summary["paper_method"] if summary else None),
             command,
         ),
         (
@@ -70,13 +68,12 @@ def _identification(results: Results) -> tuple[Row, ...]:
     )
 
 
-def _published(published: dict[str, object], alpha: float | None) -> str:
-    if alpha is None:
+def _published(published: Mapping[str, Any] | None) -> str:
+    """None where the paper's method was not run on the recording."""
+    if published is None:
         return ABSENT
-    iterations, loss = find_number(published, "iterations"), find_number(published, "loss_m", "loss_paper_m")
-    text = f"α~b~ = {alpha:.4g}"
-    text += f" after {iterations:.0f} iterations" if iterations else ""
-    return text + (f", loss {loss:.3g} m" if loss is not None else "")
+    after = f"after {published['iterations']} iterations, loss {published['loss_m']:.3g} m"
+    return f"α~b~ = {published['alpha_b']:.4g} {after}"
 
 
 def _iterations(results: Results) -> str:
@@ -98,7 +95,7 @@ def _learning(results: Results) -> tuple[Row, ...]:
         if found
         else ABSENT
     )
-    counts = sorted({int(result["iterations"]) for result in found if result.get("iterations") is not None})
+    counts = sorted({result["iterations"] for result in found})
     return (
         (
             "Goal reached without contact, Fig. 10",
@@ -147,10 +144,11 @@ def _ablation(results: Results) -> tuple[Row, ...]:
 def _execution(results: Results) -> tuple[Row, ...]:
     texts = []
     for name in results.layouts:
-        laws = (results.json("execute", name, "result.json") or {}).get("laws") or {}
-        values = {law: (found.get("goal_error_m") or {}).get("mean") for law, found in laws.items()}
-        if values:
-            told = ", ".join(f"{law} {millimetres(value)} mm" for law, value in values.items())
+        # the logs of a robot have no laws
+        laws = (results.json("execute", name, "result.json") or {}).get("laws")
+        if laws:
+            means = {law: found["goal_error_m"]["mean"] for law, found in laws.items()}
+            told = ", ".join(f"{law} {millimetres(mean)} mm" for law, mean in means.items())
             texts.append(f"{title(name)}: {told}")
     theirs = "reproduces the plan; larger gap in layout 2, laid to plastic bending"
     return (("Execution against goal, Fig. 10", theirs, "; ".join(texts) or ABSENT, "`dvc repro execute`"),)

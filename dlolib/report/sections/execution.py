@@ -31,7 +31,7 @@ def section(results: Results, figures: Path) -> Section:
     if not executed:
         missing = Missing("Nothing was executed: `dvc repro execute` runs the motions in the laboratory.")
         return Section("execution", TITLE, (missing,))
-    in_lab = [name for name, result in executed.items() if result.get("laws")]
+    in_lab = [name for name, result in executed.items() if "laws" in result]
     blocks: list[Block] = []
     if in_lab:
         blocks.append(Paragraph(_words()))
@@ -147,11 +147,13 @@ def _last_shape(shapes: pd.DataFrame) -> Floats | None:
 def _table(results: Results, executed: dict[str, dict[str, Any]], names: list[str]) -> Table:
     rows = []
     for name in names:
-        plan = results.json("learn", name, "result.json") or {}
-        rows.append((title(name), "plan (rod)", *_figures(plan), ABSENT))
+        plan = results.json("learn", name, "result.json")
+        if plan is not None:
+            rows.append((title(name), "plan (rod)", *_figures(plan), ABSENT))
         for law, found in executed[name]["laws"].items():
-            departure = (found.get("rod_error_m") or {}).get("mean")
-            rows.append(("", LAWS.get(law, (law, ""))[0], *_figures(found), millimetres(departure, 2)))
+            rod = found["rod_error_m"]
+            departure = ABSENT if rod is None else millimetres(rod["mean"], 2)
+            rows.append(("" if plan else title(name), LAWS[law][0], *_figures(found), departure))
     columns = (
         Column("Layout", align="left"),
         Column("Rope", align="wide"),
@@ -172,9 +174,8 @@ def _table(results: Results, executed: dict[str, dict[str, Any]], names: list[st
 
 
 def _figures(found: Mapping[str, Any]) -> tuple[str, str, str, str]:
-    goal = found.get("goal_error_m") or {}
-    errors = [millimetres(goal.get(key), 2) for key in ("mean", "max", "end")]
-    return errors[0], errors[1], errors[2], millimetres(found.get("min_clearance_m"), 2)
+    errors = [millimetres(found["goal_error_m"][key], 2) for key in ("mean", "max", "end")]
+    return errors[0], errors[1], errors[2], millimetres(found["min_clearance_m"], 2)
 
 
 def _robot(
@@ -197,10 +198,10 @@ def _robot(
     rows = [
         (
             title(name),
-            "yes" if executed[name].get("completed") else "no",
-            str(executed[name].get("reason") or "reached the end"),
-            str(executed[name].get("samples", ABSENT)),
-            millimetres(_mean(executed[name].get("tracking_error_m")), 2),
+            "yes" if executed[name]["completed"] else "no",
+            executed[name]["reason"],
+            str(executed[name]["samples"]),
+            millimetres(executed[name]["tracking_error_m"], 2),
         )
         for name in names
     ]
@@ -215,18 +216,12 @@ def _robot(
     return blocks
 
 
-def _mean(value: object) -> float | None:
-    if isinstance(value, dict):
-        value = value.get("mean", value.get("rms"))
-    return float(value) if isinstance(value, int | float) else None
-
-
 def _tracking(log: pd.DataFrame | None) -> tuple[Floats, Floats] | None:
     """Time (N,) [s] and distance (N,) [m] of the tool from its target; None where the log lacks them."""
-    if log is None or not set(POSE + TARGET) <= set(log.columns) or log.empty:
+    if log is None or log.empty or not set(TARGET) <= set(log.columns):
         return None
     distance = np.linalg.norm(log[POSE].to_numpy() - log[TARGET].to_numpy(), axis=1)
-    time = log["timestamp"].to_numpy() if "timestamp" in log else np.arange(len(log), dtype=float)
+    time = log["timestamp"].to_numpy()
     return time - time[0], distance
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 from dlolib.report.headline import clear, headline, stiffness
 from dlolib.report.model import Block, Card, Cards, Missing, Paragraph, Section
 from dlolib.report.results import CAPTURED, Results
-from dlolib.report.text import ABSENT, MINUS, fixed, listed, millimetres, scientific, span, title
+from dlolib.report.text import ABSENT, MINUS, fixed, listed, millimetres, nice_unit, scientific, span, title
 
 
 def section(results: Results, figures: Path) -> Section:
@@ -38,7 +39,7 @@ def _summary(results: Results) -> str:
         )
     ei = stiffness(results)
     if ei is not None:
-        texts.append(f"Its bending stiffness comes out at {scientific(ei.value)} {_nice(ei.unit)}.")
+        texts.append(f"Its bending stiffness comes out at {scientific(ei.value)} {nice_unit(ei.unit)}.")
     learned = [name for name in results.layouts if results.json("learn", name, "result.json")]
     if learned:
         results_of = [results.json("learn", name, "result.json") or {} for name in learned]
@@ -51,28 +52,24 @@ def _summary(results: Results) -> str:
     return " ".join(texts) or "No stage has left results yet."
 
 
-def _nice(unit: str) -> str:
-    return unit.replace("^2", "²").replace("^4", "⁴").replace("m2", "m²")
-
-
 def _stiffness_card(results: Results) -> Card:
     ei = stiffness(results)
     command = f"dvc repro identify@{CAPTURED}"
     if ei is None:
         return Card("Bending stiffness EI", ABSENT, "", "", command)
     detail = f"95 % interval {span(ei.low, ei.high)}." if ei.low is not None or ei.high is not None else ""
-    true = results.truth.bending_stiffness_n_m2 if results.truth else None
-    if true:
+    if results.truth is not None:
+        true = results.truth.bending_stiffness_n_m2
         apart = fixed(100 * (ei.value / true - 1))
         detail += f" The laboratory's rope: {scientific(true)} ({'' if apart[0] == MINUS else '+'}{apart} %)"
-        plastic = results.truth is not None and results.truth.laws.get("law") == "plastic"
+        plastic = results.truth.laws["law"] == "plastic"
         detail += ", but it also yields plastically." if plastic else "."
-    return Card("Bending stiffness EI", scientific(ei.value), _nice(ei.unit), detail, command)
+    return Card("Bending stiffness EI", scientific(ei.value), nice_unit(ei.unit), detail, command)
 
 
 def _residual_card(results: Results, value: float | None) -> Card:
-    summary = results.json("identify", CAPTURED, "summary.json") or {}
-    held = summary.get("heldout_rmse_m")
+    summary = results.json("identify", CAPTURED, "summary.json")
+    held = summary["heldout_rmse_m"] if summary else None
     detail = "Root mean square over all observed points."
     if held is not None:
         detail += f" On frames left out: {millimetres(held, 2)} mm."
@@ -96,11 +93,11 @@ def _goal_card(results: Results, value: float | None) -> Card:
     found = {
         name: result["goal_error_m"]["mean"]
         for name in results.layouts
-        if (result := results.json("learn", name, "result.json")) and result.get("goal_error_m")
+        if (result := results.json("learn", name, "result.json"))
     }
     worst = max(found, key=lambda name: found[name]) if found else None
     detail = f"Mean distance to the goal shape, {title(worst)}, in the rod." if worst else ""
-    reached = _laboratory(results, "goal_error_m", max)
+    reached = _laboratory(results, lambda law: float(law["goal_error_m"]["mean"]), max)
     if reached:
         detail += f" In the laboratory: {reached}."
     return Card(
@@ -117,11 +114,10 @@ def _clearance_card(results: Results, value: float | None) -> Card:
         name: result["min_clearance_m"]
         for name in results.layouts
         if (result := results.json("learn", name, "result.json"))
-        and result.get("min_clearance_m") is not None
     }
     least = min(found, key=lambda name: found[name]) if found else None
     detail = f"Rope's surface to the nearest obstacle, {title(least)}, in the rod." if least else ""
-    reached = _laboratory(results, "min_clearance_m", min)
+    reached = _laboratory(results, lambda law: law["min_clearance_m"], min)
     if reached:
         detail += f" In the laboratory: {reached}."
     return Card(
@@ -133,18 +129,20 @@ def _clearance_card(results: Results, value: float | None) -> Card:
     )
 
 
-def _laboratory(results: Results, key: str, choose: Callable[[list[float]], float]) -> str:
+def _laboratory(
+    results: Results,
+    choice: Callable[[Mapping[str, Any]], float | None],
+    worst: Callable[[list[float]], float],
+) -> str:
     """The worst of all layouts in the laboratory, by law: "elastic 6.1 mm, plastic 19.0 mm"."""
     texts = []
     for law in ("elastic", "plastic"):
         values = []
         for name in results.layouts:
-            value = (
-                ((results.json("execute", name, "result.json") or {}).get("laws") or {}).get(law, {}).get(key)
-            )
-            value = value.get("mean") if isinstance(value, dict) else value
-            if value is not None:
+            # the logs of a robot have no laws, a layout without obstacles has no clearance
+            found = (results.json("execute", name, "result.json") or {}).get("laws", {})
+            if law in found and (value := choice(found[law])) is not None:
                 values.append(value)
         if values:
-            texts.append(f"{law} {millimetres(choose(values))} mm")
+            texts.append(f"{law} {millimetres(worst(values))} mm")
     return ", ".join(texts)

@@ -20,7 +20,7 @@ from dlolib.report.style import (
     legend_above,
     save,
 )
-from dlolib.report.text import ABSENT, millimetres, scientific, span, title
+from dlolib.report.text import millimetres, nice_unit, scientific, span, title
 from dlolib.types import Estimate
 
 TITLE = "Stiffness identified"
@@ -29,7 +29,6 @@ NAMES = {
     "torsional_stiffness": "Torsional stiffness GJ",
     "bending_stiffness_over_density": "Bending stiffness over density",
     "torsional_stiffness_over_density": "Torsional stiffness over density",
-    "linear_density": "Linear density",
 }
 
 
@@ -66,7 +65,7 @@ def _words(results: Results) -> str:
             " Beside the captured rope stand recordings made elsewhere "
             f"({', '.join(title(name) for name in others)})."
         )
-    if results.truth is not None and results.truth.laws.get("law") == "plastic":
+    if results.truth is not None and results.truth.laws["law"] == "plastic":
         text += (
             " The laboratory's rope yields plastically and this rod does not: its stiffness is then the "
             "one of an elastic rope that looks most alike, below the true one, and what it cannot follow "
@@ -152,28 +151,28 @@ def _parameter(key: str) -> str:
     if key in NAMES:
         return NAMES[key]
     effect, _, parameter = key.partition(".")
-    return f"{title(effect)}, {parameter.replace('_', ' ')}" if parameter else title(effect)
+    return f"{title(effect)}, {parameter.replace('_', ' ')}"
 
 
 def _estimate(estimate: Estimate) -> tuple[str, str, str]:
-    unit = estimate.unit.replace("^2", "²").replace("^4", "⁴").replace("m2", "m²")
-    return scientific(estimate.value), span(estimate.low, estimate.high), unit or "1"
+    return scientific(estimate.value), span(estimate.low, estimate.high), nice_unit(estimate.unit)
 
 
 def _residuals(results: Results) -> Table:
     rows = []
     for name in results.recordings:
-        summary, fit = results.json("identify", name, "summary.json") or {}, results.fit(name)
-        rms = summary.get("rmse_m", fit.rmse_m if fit else None)
-        held = summary.get("heldout_rmse_m")
+        summary = results.json("identify", name, "summary.json")
+        if summary is None:
+            continue
+        held = summary["heldout_rmse_m"]
         rows.append(
             (
                 title(name),
-                str(summary.get("frames", fit.frames if fit else ABSENT)),
-                str(summary.get("points", fit.points if fit else ABSENT)),
-                millimetres(rms, 2),
+                str(summary["frames"]),
+                str(summary["points"]),
+                millimetres(summary["rmse_m"], 2),
                 millimetres(held, 2) if held is not None else "no frames left out",
-                millimetres(summary.get("mean_distance_m"), 2),
+                millimetres(summary["mean_distance_m"], 2),
             )
         )
     columns = (

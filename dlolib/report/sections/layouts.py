@@ -15,7 +15,7 @@ from dlolib.report.drawing import VIEWS, draw_clamp, draw_obstacles, draw_rope, 
 from dlolib.report.model import Block, Column, Figure, Missing, Paragraph, Section, Table
 from dlolib.report.results import Results
 from dlolib.report.style import GOAL, PATH, ROD, SERIES, WIDTH_MM, canvas, save, thousandths
-from dlolib.report.text import ABSENT, listed, millimetres, title
+from dlolib.report.text import listed, millimetres, title
 from dlolib.types import Floats, Layout
 
 TITLE = "Motions learned"
@@ -154,17 +154,18 @@ def _legend(figure: Canvas) -> None:
 def _table(results: Results, names: list[str]) -> Table:
     rows = []
     for name in names:
-        result = results.json("learn", name, "result.json") or {}
-        goal = result.get("goal_error_m") or {}
+        result = results.json("learn", name, "result.json")
+        assert result is not None
+        goal = result["goal_error_m"]
         rows.append(
             (
                 title(name),
-                millimetres(goal.get("mean"), 2),
-                millimetres(goal.get("max"), 2),
-                millimetres(goal.get("end"), 2),
-                millimetres(result.get("min_clearance_m"), 2),
-                _count(result.get("contacts")),
-                _count(result.get("iterations")),
+                millimetres(goal["mean"], 2),
+                millimetres(goal["max"], 2),
+                millimetres(goal["end"], 2),
+                millimetres(result["min_clearance_m"], 2),
+                str(result["contacts"]),
+                str(result["iterations"]),
             )
         )
     columns = (
@@ -184,10 +185,6 @@ def _table(results: Results, names: list[str]) -> Table:
     return Table(caption, columns, tuple(rows))
 
 
-def _count(value: float | None) -> str:
-    return ABSENT if value is None else f"{value:g}"
-
-
 def _curves(curves: dict[str, pd.DataFrame], figures: Path) -> Figure:
     figure = canvas(56)
     panels = figure.subplots(1, 3)
@@ -198,14 +195,8 @@ def _curves(curves: dict[str, pd.DataFrame], figures: Path) -> Figure:
     )
     for index, (name, curve) in enumerate(curves.items()):
         for axes, (column, _) in zip(panels, columns, strict=True):
-            if column in curve:
-                axes.plot(
-                    curve["iteration"],
-                    curve[column],
-                    color=SERIES[index % len(SERIES)],
-                    label=title(name),
-                    linewidth=1,
-                )
+            color = SERIES[index % len(SERIES)]
+            axes.plot(curve["iteration"], curve[column], color=color, label=title(name), linewidth=1)
     for axes, (column, label) in zip(panels, columns, strict=True):
         axes.set(xlabel="iteration", ylabel=label)
         if column.endswith("_m"):
