@@ -14,16 +14,12 @@ ROPE_LENGTH_M = 0.445
 LINEAR_DENSITY_KG_M = 0.04
 """Not in the paper: the density that the laboratory's rope has, needed to turn α_b into newton metres."""
 PARTICLES = 30
-FRAMES = 40
-WAYPOINTS = 400
 IDENTIFY_ITERATIONS = 300
 START_ALPHA_B = 0.1
 FINAL_ALPHA_B = 0.0089
 FINAL_LOSS_M = 0.2
 """Fig. 9: the loss (12) converges to about 0.2 m over 40 frames, which is 5 mm a point."""
 LEARN_ITERATIONS = 200
-STEPS = 300
-SUBTRAJECTORIES = 10
 FINAL_CONTACT_LOSS_M = 0.01
 """Fig. 11: with the contact term the loss falls below 0.01 m."""
 

@@ -7,7 +7,6 @@ import re
 
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 MINUS = "\u2212"
-NARROW_SPACE = "\u202f"
 ABSENT = "–"
 MARKS = re.compile(r"`(?P<code>[^`]+)`|\*\*(?P<strong>.+?)\*\*|~(?P<sub>[^~\s]+)~")
 
