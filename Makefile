@@ -46,6 +46,10 @@ cables: .venv/installed ## identify the four real cables in DATA=DIR and write r
 elastic: .venv/installed ## the laboratory with an elastic rope: is the EI that comes out the one that went in?
 	@python -m stages.elastic
 
+.PHONY: solvers
+solvers: .venv/installed ## the paper's iterative solver beside the direct one on an exactly known rope (5 minutes)
+	@python -m stages.solvers
+
 .PHONY: lock
 lock: ## pin requirements.lock anew from pyproject.toml (needs uv)
 	@uv pip compile --quiet --universal --fork-strategy fewest --python-version 3.11 --generate-hashes \

@@ -303,6 +303,27 @@ def _write_extras(folder: Path) -> None:
     write_json(folder / "cables.json", cables)
     elastic = {"bending_stiffness": _estimate(3.02e-4), "true_ei_n_m2": 3e-4, "ei_error": 0.0067}
     write_json(folder / "elastic.json", {**elastic, "rmse_m": 0.0012})
+    _write_solvers(folder / "solvers.json")
+
+
+def _write_solvers(path: Path) -> None:
+    scan = [3e-5, 3e-4, 3e-3, 0.3]
+    ladder = [("iterative", 10, None), ("iterative", 20, None), ("iterative", 200, 5e-4)]
+    direct = [(name, None, 3e-4) for name in ("direct", "direct, quasi-static", "direct, the paper's ends")]
+    solvers = [
+        {
+            "solver": solver,
+            "iterations": iterations,
+            "shape_error": 1 / (iterations or 500),
+            "rmse_at_truth_m": 0.004,
+            "bending_stiffness": None if ei is None else _estimate(ei),
+            "rmse_m": 0.003,
+            "scan_rmse_m": [0.02, 0.01, 0.008, 0.007],
+        }
+        for solver, iterations, ei in (*direct, *ladder)
+    ]
+    setting = {"particles": 30, "step_s": 0.01, "steps": 400, "frames": 40, "marked_iterations": 20}
+    write_json(path, {"true_ei_n_m2": 3e-4, **setting, "scan_ei_n_m2": scan, "solvers": solvers})
 
 
 def _estimate(value: float) -> dict[str, object]:

@@ -166,12 +166,21 @@ def test_cards_say_which_command_gives_them(content: dict) -> None:
 
 def test_page_holds_every_section_caption_and_cell(out: Path, content: dict) -> None:
     text = unescape(re.sub(r"</?(?:code|sub|strong)>", "", (out / "report.html").read_text(encoding="utf-8")))
-    assert len(content["sections"]) == 10
+    assert len(content["sections"]) == 11
     shown = [section["title"] for section in content["sections"]]
     shown += [block["caption"] for kind in ("figure", "table") for block in blocks_of(content, kind)]
     shown += [cell for table in blocks_of(content, "table") for row in table["rows"] for cell in row]
     for words in shown:
         assert re.sub(r"[`~]|\*\*", "", words) in text, words
+
+
+def test_a_solver_that_no_stiffness_fits_is_said_so(content: dict) -> None:
+    (section,) = [section for section in content["sections"] if section["name"] == "solvers"]
+    words, figure, table = section["blocks"]
+    assert "With 10 and 20 iterations there is none" in words["text"]
+    assert figure["file"] == "figures/solvers.svg" and "no number of iterations" in figure["caption"]
+    assert [row[4] for row in table["rows"]] == [*["3.00 × 10⁻⁴"] * 3, "none", "none", "5.00 × 10⁻⁴"]
+    assert [row[6] for row in table["rows"]] == ["0.0"] * 3 + ["–", "–", "66.7"]
 
 
 @pytest.fixture
@@ -222,6 +231,7 @@ def test_empty_results_make_a_report_of_sentences(tmp_path: Path) -> None:
         ("reports/execute", "Nothing was executed"),
         ("reports/cables.json", "cables were not run"),
         ("reports/elastic.json", "elastic laboratory was not run"),
+        ("reports/solvers.json", "two solvers were not compared"),
         ("data/truth", "no truth to compare"),
         ("data/capture", "no images under this recording"),
         ("data/recordings/captured", "No chain is there"),

@@ -18,6 +18,7 @@ from dlolib.report.sections import (
     identification,
     layouts,
     making,
+    solvers,
 )
 
 SECTIONS: tuple[Callable[[Results, Path], Section], ...] = (
@@ -29,6 +30,7 @@ SECTIONS: tuple[Callable[[Results, Path], Section], ...] = (
     ablation.section,
     execution.section,
     cables.section,
+    solvers.section,
     comparison.section,
     making.section,
 )
