@@ -153,6 +153,7 @@ class Learn(Block):
     hidden: Annotated[list[Count], Field(min_length=2, max_length=2)]
     seed: Seed
     starts: Count
+    first_arc: Share
     near_goal_m: Positive
     caught_after: Count
     caught_m: Positive

@@ -8,11 +8,15 @@ from itertools import pairwise
 import autograd.numpy as anp
 import numpy as np
 
-from dlolib.learn.arcs import PARAMETERS
+from dlolib.learn.arcs import PARAMETERS, TABLE_I_BOUNDS
 from dlolib.types import Floats
 
 # (weight, bias) of each layer; autograd differentiates through the nesting.
 Weights = list[tuple[Floats, Floats]]
+
+
+# The share s of AB at which the first arc has its centre.
+MIDWAY = 0.5
 
 
 @dataclass(frozen=True)
@@ -45,10 +49,12 @@ class Policy:
         return rates
 
 
-def xavier(inputs: int, hidden: tuple[int, int], seed: int) -> Weights:
+def xavier(inputs: int, hidden: tuple[int, int], seed: int, first_arc: float = 0.0) -> Weights:
     """Initial weights for `inputs` numbers in and five out: Xavier's uniform ones, biases 0.
 
     Glorot and Bengio (2010), equation (16): uniform within ±sqrt(6 / (in + out)).
+    `first_arc`, other than 0 and between -1 and 1, goes into the output's biases: about this rate of turn φ,
+    and centres midway between A and B, so that the first path is an arc beside AB, on the side it says.
     """
     random = np.random.default_rng(seed)
     sizes = (inputs, *hidden, PARAMETERS)
@@ -56,4 +62,6 @@ def xavier(inputs: int, hidden: tuple[int, int], seed: int) -> Weights:
     for before, after in pairwise(sizes):
         limit = np.sqrt(6.0 / (before + after))
         weights.append((random.uniform(-limit, limit, (before, after)), np.zeros(after)))
+    if first_arc:
+        weights[-1][1][:2] = np.arctanh((first_arc, MIDWAY / TABLE_I_BOUNDS[1]))
     return weights

@@ -27,6 +27,9 @@ class LearnSettings:
         hidden: neurons of the two hidden layers (the paper's figure does not survive in its text).
         seed: of the initial weights.
         starts: initial weights to try, of seeds seed, seed + 1, ..., until a path is free and near the goal.
+        first_arc: the first path is an arc beside AB with this share of Λ's rate of turn; every seed is tried
+            on the one side, then on the other. 0: Xavier's weights alone, whose first path hardly moves;
+            the sign of φ that the first contact then chooses soon saturates, on the wrong side as often.
         caught_after, caught_m: weights whose mean goal error has not been below this after so many iterations
             are caught behind an obstacle, and the next are tried.
         near_goal_m: the mean goal error at which that is so; the best of all starts is kept otherwise.
@@ -52,7 +55,8 @@ class LearnSettings:
     bounds: tuple[float, float, float, float, float] = TABLE_I_BOUNDS
     hidden: tuple[int, int] = (64, 32)
     seed: int = 1
-    starts: int = 12
+    starts: int = 4
+    first_arc: float = 0.75
     near_goal_m: float = 0.002
     caught_after: int = 50
     caught_m: float = 0.025
@@ -75,5 +79,8 @@ class LearnSettings:
             raise ParameterError(
                 problem, place="learn.contact_margin_m", mend="make it the larger of the two"
             )
+        if not abs(self.first_arc) < 1:
+            problem = f"{self.first_arc:g} is no share of a rate of turn"
+            raise ParameterError(problem, place="learn.first_arc", mend="give 0, or a share below 1")
         if self.loss not in ("contact", "mse"):
             raise ParameterError(f"loss {self.loss!r}", place="learn.loss", mend="choose contact or mse")

@@ -67,6 +67,7 @@ def result(learned: Learned) -> dict[str, Any]:
         "loss": kept.loss,
         "loss_kind": settings.loss,
         "seed": settings.seed,
+        "first_arc": settings.first_arc,
         "free_of_contact": learned.free,
     }
 

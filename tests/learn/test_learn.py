@@ -39,6 +39,20 @@ def test_gradient_through_controller_and_rope() -> None:
         assert found @ way == pytest.approx((ahead - behind) / (2 * h), rel=1e-5)
 
 
+def test_the_first_path_is_an_arc_on_the_side_that_was_asked_for() -> None:
+    across = LAYOUT.goal_m[-1] - LAYOUT.grasp.position_m
+    beside = np.cross(across, (0.0, 1.0, 0.0))
+    goal = goal_at_particles(LAYOUT, SMALL.particles)
+    furthest = []
+    for side in (-0.75, 0.75):
+        made = learner(SMALL)
+        weights = xavier(goal.size + PARAMETERS, SMALL.hidden, 1, side)
+        made = Learner(LAYOUT, made.rope, Policy(weights, made.policy.bounds, goal, 0.445), SMALL)
+        way = made.episode(made.flat, want_gradient=False).end_m - LAYOUT.grasp.position_m
+        furthest.append(float((way @ beside)[np.abs(way @ beside).argmax()]))
+    assert furthest[0] * furthest[1] < 0
+
+
 def test_learning_lowers_the_loss_and_writes_it_down(tmp_path: Path) -> None:
     learned = learn(LAYOUT, ROD, SMALL)
     assert learned.curve["loss"].min() < 0.8 * learned.curve["loss"].iloc[0]
@@ -64,3 +78,5 @@ def test_ablation_keeps_every_run() -> None:
 def test_settings_that_do_not_fit_together_are_refused() -> None:
     with pytest.raises(ParameterError, match="do not divide"):
         LearnSettings(steps=100, segments=7)
+    with pytest.raises(ParameterError, match="rate of turn"):
+        LearnSettings(first_arc=1.0)
