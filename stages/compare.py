@@ -43,9 +43,9 @@ class Row:
 
 
 def main() -> None:
-    here, committed = _here(), _committed()
+    here, there = _here(), committed()
     tolerances = yaml.safe_load(TOLERANCES.read_text(encoding="utf-8"))
-    rows = compare(here, committed, tolerances)
+    rows = compare(here, there, tolerances)
     _show(rows)
     outside = [row.name for row in rows if not row.within]
     if outside:
@@ -94,7 +94,8 @@ def _here() -> dict[str, float | None]:
     return dict(pair for path in paths for pair in flattened(json.loads(path.read_text("utf-8")), path.stem))
 
 
-def _committed() -> dict[str, float | None]:
+def committed() -> dict[str, float | None]:
+    """The figures of the last commit, by name."""
     listed = _git("ls-tree", "--name-only", "HEAD", f"{METRICS}/").split()
     files = {Path(path).stem: json.loads(_git("show", f"HEAD:{path}")) for path in listed}
     if not files:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import pytest
+import yaml
 
 from dlolib.errors import DloError
-from stages.compare import compare, flattened
+from stages.compare import TOLERANCES as TOLERANCE_FILE
+from stages.compare import committed, compare, flattened
 
 TOLERANCES = {"chain.rms_m": {"absolute": 1e-5}, "learn_*.loss": {"relative": 0.01}, "chain.*": {}}
 
@@ -44,3 +46,11 @@ def test_a_figure_on_one_side_only_is_refused() -> None:
 def test_a_figure_without_a_tolerance_is_refused() -> None:
     with pytest.raises(DloError, match="no tolerance for identify_captured.rmse_m"):
         compare({"identify_captured.rmse_m": 1.0}, {"identify_captured.rmse_m": 1.0}, TOLERANCES)
+
+
+def test_every_committed_figure_has_a_tolerance() -> None:
+    figures = committed()
+    assert len(figures) > 50
+    assert all(
+        row.within for row in compare(figures, figures, yaml.safe_load(TOLERANCE_FILE.read_text("utf-8")))
+    )
