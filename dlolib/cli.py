@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 from typer.exceptions import TyperException
 
-from dlolib.cli_values import RopeValues, parse_values, rope_values
+from dlolib.cli_values import RopeValues, parse_effects, parse_values, rope_values
 from dlolib.errors import DloError, ParameterError
 
 if TYPE_CHECKING:
@@ -35,6 +35,14 @@ Out = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder to write
 Values = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="NAME=VALUE", help="A value of the rope, such as bending_stiffness=3e-4."),
+]
+Effects = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--effect",
+        metavar="NAME:PARAM=VALUE,...",
+        help="Further physics, such as plastic_bending:yield_curvature=8.",
+    ),
 ]
 FitFile = Annotated[Path | None, typer.Option("--fit", metavar="FILE", help="fit.json of `dlo identify`.")]
 
@@ -103,6 +111,7 @@ def simulate(
     recording: Annotated[Path, typer.Argument(help="A recording folder: its motion, times and arc lengths.")],
     out: Out,
     values: Values = None,
+    effects: Effects = None,
     fit: FitFile = None,
     quasi_static: Annotated[
         Literal["true", "false"] | None,
@@ -120,6 +129,7 @@ def simulate(
     )
     static = read.quasi_static if quasi_static is None else quasi_static == "true"
     given = replace(read, rope=known.rope, quasi_static=static)
+    known = replace(known, parameters={**known.parameters, **parse_effects(effects or [])})
     settings = _identify_settings()
     # as fine as the mesh that identification corrects to, so that a fit is played back as it was made
     rod = _rod(known, FINER * (particles_for(known.rope.length_m, settings) - 1) + 1)
@@ -242,14 +252,9 @@ def _params() -> Params | None:
 
 
 def _rod(known: RopeValues, particles: int) -> Rod:
-    from dlolib.sim.recording import with_parameter
     from dlolib.sim.rod import Rod
 
-    rod = Rod(known.rope, known.parameters["bending_stiffness"], known.parameters["torsional_stiffness"])
-    rod = rod.with_values(particles=particles)
-    for name, value in known.parameters.items():
-        rod = with_parameter(rod, name, value)
-    return rod
+    return Rod.of(known.rope, known.parameters, particles)
 
 
 def _identify_settings() -> IdentifySettings:

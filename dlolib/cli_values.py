@@ -45,6 +45,30 @@ def parse_values(given: Sequence[str]) -> dict[str, float]:
     return values
 
 
+def parse_effects(given: Sequence[str]) -> dict[str, float]:
+    """`NAME:PARAM=VALUE,PARAM=VALUE` by `NAME.PARAM`; NAME alone stands for its parameters' usual values.
+
+    Raises:
+        ParameterError: an unknown effect or parameter, text in a number's place, or a value out of range.
+    """
+    from dlolib.sim.effects import named
+
+    values: dict[str, float] = {}
+    for one in given:
+        name, _, listed = one.partition(":")
+        parts: dict[str, float] = {}
+        for pair in listed.split(",") if listed else ():
+            part, sign, text = pair.partition("=")
+            try:
+                parts[part.strip()] = float(text)
+            except ValueError:
+                problem = f"{text!r} in a number's place" if sign else "no value"
+                mend = f"write {name}:{part or 'PARAM'}=NUMBER"
+                raise ParameterError(problem, place=f"--effect {one}", mend=mend) from None
+        values |= named(name.strip(), parts)
+    return values
+
+
 def rope_values(rope: Rope, name: str, fit: Fit | None, values: Mapping[str, float]) -> RopeValues:
     """The rope of the recording or layout `name` with a fit's parameters and, over them, given values.
 

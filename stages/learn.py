@@ -9,7 +9,6 @@ from dlolib.cli_values import rope_values
 from dlolib.formats import read_fit, read_layout
 from dlolib.learn import LearnSettings, ablate, learn, write_learned
 from dlolib.params import Learn, Rod, load_block
-from dlolib.sim.recording import with_parameter
 from dlolib.sim.rod import Rod as SimulatedRod
 from dlolib.types import Layout
 from stages import DATA, REPORTS, run, write_metrics
@@ -43,10 +42,7 @@ def identified_rod(layout: Layout, fit_of: str) -> SimulatedRod:
     """The layout's rope with the stiffness that was identified on the recording `fit_of`."""
     fit = read_fit(REPORTS / "identify" / fit_of / "fit.json")
     known = rope_values(layout.rope, layout.name, fit, {})
-    rod = SimulatedRod(known.rope, 1.0, 1.0)
-    for name, value in known.parameters.items():
-        rod = with_parameter(rod, name, value)
-    return rod
+    return SimulatedRod.of(known.rope, known.parameters)
 
 
 if __name__ == "__main__":

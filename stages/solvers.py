@@ -22,6 +22,7 @@ from dlolib.params import Lab, Rod, load_block
 from dlolib.progress import track
 from dlolib.sim import rod as rods
 from dlolib.sim.recording import RecordingModel, held_path
+from dlolib.sim.scene import LENGTH
 from dlolib.sim.simulate import Clock, Path, State, roll_out
 from dlolib.sim.start import settle
 from dlolib.types import Ends, Floats, Motion, Points, Recording, Rope
@@ -146,14 +147,15 @@ def _model(recording: Recording, fit: IdentifySettings) -> Predict:
 def _paper_ends(recording: Recording, fit: IdentifySettings) -> Predict:
     """What the iterations lead to: the direct solver, its end constraints over a whole segment each."""
     model = RecordingModel(recording, fit.particles, fit.time_step_s)
-    path = held_path(recording.motion, (0.0, 0.0, 0.0, 0.0))
+    plain = model.setup(rods.Rod(recording.rope, 1.0, 1.0, particles=fit.particles))
+    path = held_path(recording.motion, plain)
     rows = np.unique(np.searchsorted(recording.motion.t_s, recording.points.t_s - 1e-9))
 
     def predict(ei: float) -> Floats:
         rest = model.at_rest(rods.Rod(recording.rope, ei, ei, particles=fit.particles))
-        lengths = rest.scene.joint_l.copy()
-        lengths[:, 0], lengths[:, -1] = rest.scene.segment_l[:, 0], rest.scene.segment_l[:, -1]
-        made = replace(rest.scene, joint_l=lengths)
+        joints = rest.scene.joints.copy()
+        joints[:, [0, -1], LENGTH] = rest.scene.segment_l[:, [0, -1]]
+        made = replace(rest.scene, joints=joints)
         still = settle(made, rest.final, path).final
         onward = Path(path.x[:, 1:], path.q[:, 1:])
         moved = roll_out(made, State(still.x, still.x.copy(), still.q), onward, Clock(fit.time_step_s))

@@ -9,7 +9,6 @@ import pandas as pd
 from autograd.misc.optimizers import sgd
 
 from dlolib.identify.identify import IdentifySettings, particles_for
-from dlolib.identify.parameters import rod_with
 from dlolib.identify.problem import axes
 from dlolib.progress import track
 from dlolib.sim.iterative import stiffness_from_alpha_b
@@ -58,7 +57,7 @@ def descend(recording: Recording, descent: DescentSettings, settings: IdentifySe
         next(steps, None)
         alpha_b = max(float(alpha[0]), SMALLEST_ALPHA_B)
         stiffness = stiffness_from_alpha_b(alpha_b, recording.rope, n)
-        rod = rod_with(Rod(recording.rope, stiffness, stiffness, particles=n), {})
+        rod = Rod(recording.rope, stiffness, stiffness, particles=n)
         made = model.predict(rod, ["bending_stiffness"])
         difference = made.xyz_m[:, axes(model)] - observed
         distance = np.linalg.norm(difference, axis=1)

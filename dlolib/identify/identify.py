@@ -7,15 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
-from scipy.optimize import OptimizeResult, least_squares
+from scipy.optimize import Bounds, OptimizeResult, least_squares
 
 from dlolib.errors import ParameterError, SimulationError
 from dlolib.identify.intervals import bootstrap
 from dlolib.identify.parameters import Unknown, acting, candidates
 from dlolib.identify.problem import Bools, Problem, axes
 from dlolib.sim.poses import model_of
-from dlolib.sim.recording import UNITS
-from dlolib.sim.rod import Rod
+from dlolib.sim.rod import Rod, unit_of
 from dlolib.types import Estimate, Fit, Floats, Recording
 
 # EI over linear density where the search begins [m^4/s^2]: a decade either side is tried as well.
@@ -174,9 +173,7 @@ def _corrected(problem: Problem, theta: Floats, settings: IdentifySettings) -> P
     for k, model in enumerate(problem.models):
         rod = problem.rod(k, theta)
         fine = FINER * (rod.particles - 1) + 1
-        finely = model_of(model.recording, fine, settings.time_step_s).predict(
-            rod.with_values(particles=fine)
-        )
+        finely = model_of(model.recording, fine, settings.time_step_s).predict(rod.with_particles(fine))
         offsets.append(finely.xyz_m - model.predict(rod).xyz_m)
     return replace(problem, offsets=tuple(offsets))
 
@@ -208,6 +205,7 @@ def _solve(
 
     return least_squares(
         problem.residuals, theta, problem.jacobian, x_scale=np.array([u.scale for u in problem.unknowns]),
+        bounds=Bounds(*np.array([u.bounds for u in problem.unknowns]).T),
         max_nfev=settings.iterations, ftol=1e-8, xtol=1e-8, gtol=1e-12, callback=note,
     )  # fmt: skip
 
@@ -260,7 +258,7 @@ def rms(values: Floats) -> float:
 
 
 def _estimate(problem: Problem, unknown: Unknown, value: float, low: float, high: float) -> Estimate:
-    unit = UNITS[unknown.name]
+    unit = unit_of(unknown.name)
     if unknown.logarithmic and not _weighed(problem):
         unit = "m^4/s^2"
     return Estimate(unknown.outward(value), unknown.outward(low), unknown.outward(high), unit)

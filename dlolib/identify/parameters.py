@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from dlolib.sim.recording import with_parameter
-from dlolib.sim.rod import Rod
+from dlolib.sim.effects import parameter
 from dlolib.types import Floats, Recording
 
 STIFFNESSES = ("bending_stiffness", "torsional_stiffness")
@@ -36,6 +35,14 @@ class Unknown:
     def scale(self) -> float:
         """A change of one, in the fit's own coordinate."""
         return SCALES[self.name.partition(".")[0]]
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Of the fit's own coordinate."""
+        if self.logarithmic:
+            return -np.inf, np.inf
+        known = parameter(self.name)
+        return known.low, known.high
 
     def inward(self, value: float) -> float:
         """From the parameter to the fit's coordinate."""
@@ -67,10 +74,3 @@ def acting(unknowns: Sequence[Unknown], jacobian: Floats) -> list[int]:
     """Positions of the unknowns that move some point; jacobian (R, N) in the fit's coordinates."""
     moves = np.abs(jacobian).max(axis=0) * np.array([u.scale for u in unknowns])
     return [k for k, move in enumerate(moves) if move > ACTS_M]
-
-
-def rod_with(rod: Rod, values: Mapping[str, float]) -> Rod:
-    """The rod with several parameters changed, by name."""
-    for name, value in values.items():
-        rod = with_parameter(rod, name, value)
-    return rod

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import approx_fprime
 
-from dlolib.identify.parameters import Unknown, rod_with
+from dlolib.identify.parameters import Unknown
 from dlolib.sim.poses import Model
 from dlolib.sim.rod import Rod
 from dlolib.types import Floats
@@ -40,7 +40,7 @@ class Problem:
             for u, t in zip(self.unknowns, theta, strict=True)
             if u.recording in (None, k)
         }
-        return rod_with(self.rods[k], values)
+        return self.rods[k].with_values(values)
 
     def simulated(self, k: int, theta: Floats) -> Floats:
         """Simulated points of recording k at the coordinates theta: (P, 3) [m]."""

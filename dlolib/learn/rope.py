@@ -10,7 +10,7 @@ import numpy as np
 from dlolib.errors import SimulationError
 from dlolib.learn.settings import LearnSettings
 from dlolib.sim.rod import Rod, scene
-from dlolib.sim.simulate import Clock, Path, Rollout, State, gradient, roll_out
+from dlolib.sim.simulate import Clock, Cotangent, Path, Rollout, State, gradient, roll_out
 from dlolib.sim.start import first_shape, settle
 from dlolib.types import Floats, Layout
 
@@ -44,14 +44,6 @@ class DifferentiableRope(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class StateGradient:
-    """Derivatives of a scalar by a state's positions and by those one step earlier, both (N, 3)."""
-
-    positions: Floats
-    before: Floats
-
-
 class HeldRope:
     """`dlolib.sim`'s direct rod under a layout's gravity, among its obstacles.
 
@@ -68,7 +60,7 @@ class HeldRope:
     def __init__(self, layout: Layout, rod: Rod, settings: LearnSettings, margin_m: float) -> None:
         # a thicker rope keeps the clearance; mass and stiffness are given per length and stay
         rope = replace(layout.rope, diameter_m=2 * (layout.rope.radius_m + margin_m))
-        self.rod = rod.with_values(rope=rope, particles=settings.particles)
+        self.rod = replace(rod, rope=rope, particles=settings.particles)
         self.layout = layout
         self.clock = Clock(settings.step_s, momentum=0.0)
         self.scene = scene([self.rod], layout.gravity_m_s2, layout.ends, layout.obstacles)
@@ -84,8 +76,7 @@ class HeldRope:
             layout.grasp,
             layout.gravity_m_s2,
         )
-        final = settle(self.scene, guess, self._path(layout.grasp.position_m[None])).final
-        state = State(final.x, final.x.copy(), final.q)
+        state = settle(self.scene, guess, self._path(layout.grasp.position_m[None])).final.at_rest()
         return state, state.x[0]
 
     def forward(self, state: State, end_m: Floats) -> Piece:
@@ -94,18 +85,14 @@ class HeldRope:
         return Piece(rollout.x[0], rollout.final, rollout)
 
     def backward(
-        self, piece: Piece, d_positions: Floats, d_state: StateGradient | None
-    ) -> tuple[Floats, StateGradient]:
+        self, piece: Piece, d_positions: Floats, d_state: Cotangent | None
+    ) -> tuple[Floats, Cotangent]:
         """See `DifferentiableRope`."""
         rollout: Rollout = piece.tape
-        d_x = np.array(d_positions, dtype=np.float64)
-        if d_state is not None:
-            d_x[-1] += d_state.positions
-            d_x[-2] += d_state.before
-        found = gradient(rollout, d_x[None])
+        found = gradient(rollout, d_positions[None], d_state)
         if not np.isfinite(found.end_x).all():
             raise SimulationError("the gradient is not finite", mend="lower learn.rate")
-        return found.end_x[0, :, 1], StateGradient(found.x[0], found.before[0])
+        return found.end_x[0, :, 1], found.initial
 
     def _path(self, end_m: Floats) -> Path:
         start, grasp = self.layout.start, self.layout.grasp

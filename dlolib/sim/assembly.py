@@ -1,4 +1,4 @@
-"""Gradient and Hessian of one step's energy: the constraints, the loads and the inertia of the particles.
+"""Forces and Hessian of one step: the constraints, the laws, the loads, and the inertia of the particles.
 
 Block i of the unknowns is particle i - 1 and frame i, i = 0 ... n. Frames 0 and n are those of the wall
 and the grasp (the paper's q_0 and q_n), joined to the rope over half a segment, so that the clamp is at
@@ -6,13 +6,16 @@ the wall and not in the middle of the first segment.
 """
 
 from dlolib.sim.band import HALF
-from dlolib.sim.contact import push
+from dlolib.sim.contact import friction, push, within
+from dlolib.sim.joints import curvature, laws_act, remember, respond
 from dlolib.sim.rotations import identity
 from dlolib.sim.runtime import mat3, ti, vec3, vec4
-from dlolib.sim.strain import bend_twist, stretch_shear
+from dlolib.sim.scene import DRAG, INERTIA, LENGTH, LOAD, SAMPLES
+from dlolib.sim.strain import bend_twist, darboux, stretch_shear
 
 scalars2 = ti.types.ndarray(dtype=ti.f64, ndim=2)
 scalars3 = ti.types.ndarray(dtype=ti.f64, ndim=3)
+scalars4 = ti.types.ndarray(dtype=ti.f64, ndim=4)
 vectors2 = ti.types.ndarray(dtype=vec3, ndim=2)
 vectors3 = ti.types.ndarray(dtype=vec3, ndim=3)
 vectors4 = ti.types.ndarray(dtype=vec3, ndim=4)
@@ -20,152 +23,321 @@ frames2 = ti.types.ndarray(dtype=vec4, ndim=2)
 frames3 = ti.types.ndarray(dtype=vec4, ndim=3)
 flags1 = ti.types.ndarray(dtype=ti.i32, ndim=1)
 flags2 = ti.types.ndarray(dtype=ti.i32, ndim=2)
+flags3 = ti.types.ndarray(dtype=ti.i32, ndim=3)
+
+# What may be prescribed, three unknowns each: the unused position, both outer frames, both end particles.
+ENDS = 5
 
 
 @ti.func
-def write_block(
-    band: ti.template(), b: int, i: int, xx: mat3, xt: mat3, tt: mat3, x_x: mat3, t_x: mat3, t_t: mat3
+def write_upper(
+    upper: ti.template(), m: int, i: int, xx: mat3, xt: mat3, tt: mat3, x_x: mat3, t_x: mat3, t_t: mat3
 ):
     """Rows of block i: its own xx, x-theta and theta-theta, and those that couple it to block i + 1."""
     for r in ti.static(range(3)):
         for c in ti.static(range(3)):
             if ti.static(c >= r):
-                band[b, 6 * i + r, c - r] = xx[r, c]
-                band[b, 6 * i + 3 + r, c - r] = tt[r, c]
-            band[b, 6 * i + r, 3 + c - r] = xt[r, c]
-            band[b, 6 * i + r, 6 + c - r] = x_x[r, c]
-            band[b, 6 * i + 3 + r, 3 + c - r] = t_x[r, c]
-            band[b, 6 * i + 3 + r, 6 + c - r] = t_t[r, c]
+                upper[m, 6 * i + r, c - r] = xx[r, c]
+                upper[m, 6 * i + 3 + r, c - r] = tt[r, c]
+            upper[m, 6 * i + r, 3 + c - r] = xt[r, c]
+            upper[m, 6 * i + r, 6 + c - r] = x_x[r, c]
+            upper[m, 6 * i + 3 + r, 3 + c - r] = t_x[r, c]
+            upper[m, 6 * i + 3 + r, 6 + c - r] = t_t[r, c]
         for k in ti.static(range(9 - r, HALF + 1)):
-            band[b, 6 * i + r, k] = 0.0
-            band[b, 6 * i + 3 + r, k] = 0.0
+            upper[m, 6 * i + r, k] = 0.0
+            upper[m, 6 * i + 3 + r, k] = 0.0
+
+
+@ti.func
+def write_lower(
+    lower: ti.template(), m: int, i: int, xx: mat3, tx: mat3, tt: mat3, x_x: mat3, x_t: mat3, t_t: mat3
+):
+    """Columns of block i: the same below the diagonal; x_t is by theta of block i, of the next particle."""
+    for r in ti.static(range(3)):
+        for c in ti.static(range(3)):
+            if ti.static(c > r):
+                lower[m, 6 * i + r, c - r] = xx[c, r]
+                lower[m, 6 * i + 3 + r, c - r] = tt[c, r]
+            lower[m, 6 * i + r, 3 + c - r] = tx[c, r]
+            lower[m, 6 * i + r, 6 + c - r] = x_x[c, r]
+            lower[m, 6 * i + 3 + r, 3 + c - r] = x_t[c, r]
+            lower[m, 6 * i + 3 + r, 6 + c - r] = t_t[c, r]
+        for k in ti.static(range(9 - r, HALF + 1)):
+            lower[m, 6 * i + r, k] = 0.0
+            lower[m, 6 * i + 3 + r, k] = 0.0
+
+
+@ti.func
+def joint_lengths(joints: ti.template(), steps: ti.template(), b: int, t: int, i: int):
+    """Rest length of joint i [m] at index t and at the one before."""
+    return joints[b, i, LENGTH] * steps[b, t, 1], joints[b, i, LENGTH] * steps[b, ti.max(t - 1, 0), 1]
+
+
+@ti.func
+def bent_before(q: ti.template(), b: int, t: int, i: int, length: float, fresh: int) -> vec3:
+    """Curvature of joint i at the step before [1/m]; a `fresh` rope comes from being straight."""
+    before = vec3(0.0)
+    if fresh == 0:
+        before = curvature(q, b, t - 1, i, length)
+    return before
+
+
+@ti.func
+def sample(x: ti.template(), b: int, t: int, p: int, j: int) -> vec3:
+    """Contact point j of the segment that follows particle p; j = 0 is the particle itself."""
+    here = x[b, t, p]
+    if j > 0:
+        share = j / float(SAMPLES)
+        here = (1.0 - share) * here + share * x[b, t, p + 1]
+    return here
+
+
+@ti.func
+def kept(sliding: ti.template(), b: int, t: int, k: int, forced: int) -> int:
+    """Whether contact k slid in the step to index t, or -1 where it is free to choose."""
+    branch = -1
+    if forced == 1:
+        branch = sliding[b, t, k]
+    return branch
+
+
+@ti.func
+def frozen(limits: ti.template(), b: int, k: int, lagged: int) -> vec4:
+    """The limit at which contact k slides and its normal, if they are to be those noted, or -1 first."""
+    found = vec4(-1.0)
+    if lagged == 1:
+        for j in ti.static(range(4)):
+            found[j] = limits[b, j, k]
+    return found
 
 
 @ti.func
 def assemble(
-    b: int,
-    t: int,
-    x: ti.template(),
-    q: ti.template(),
-    free_flight: ti.template(),
-    previous: int,
-    joint_d: ti.template(),
-    joint_l: ti.template(),
-    joint_rest: ti.template(),
-    segment_l: ti.template(),
-    segment_k: ti.template(),
-    mass: ti.template(),
-    force: ti.template(),
-    drag: ti.template(),
-    obstacles: ti.template(),
-    radius: ti.template(),
-    contact: ti.template(),
-    rate: float,
-    band: ti.template(),
-    y: ti.template(),
-) -> float:
-    """Fill `band` with the Hessian and column 0 of `y` with minus the gradient; return the energy [J].
+    b: int, t: int, m: int, x: ti.template(), q: ti.template(), first: ti.template(), past: ti.template(),
+    slip: ti.template(), sliding: ti.template(), end_q: ti.template(), steps: ti.template(),
+    joints: ti.template(), segments: ti.template(), particles: ti.template(), contacts: ti.template(),
+    obstacles: ti.template(), grips: ti.template(), clamped: ti.template(), moving: int, momentum: float,
+    fresh: int, symmetric: int, forced: int, lagged: int, limits: ti.template(), upper: ti.template(),
+    lower: ti.template(), y: ti.template(), hessian: ti.template(),
+) -> float:  # fmt: skip
+    """Write the Hessian of the step to index t of rope b into slot m, minus its gradient into y[m, 0].
 
-    The energy's minimum over the state at index t is the implicit Euler step to it: the elastic, contact
-    and load energies plus m |x - free_flight|^2 / (2 dt^2) and drag |x - x_previous|^2 / (2 dt), with
-    `rate` = 1 / dt, or 0 for a quasi-static step.
+    The step solves gradient = 0 for the state at index t. Where all forces have potentials the gradient is
+    that of the energy returned: elastic, contact and load energies, the work of the laws, and with `moving`
+    m |x - free flight|^2 / (2 dt^2) and drag |x - x_before|^2 / (2 dt). `first` are the positions one step
+    before index 0. With `forced` laws and contacts take the branches noted at index t. With `lagged` contacts
+    slide at the `limits` and along the surfaces noted, wherever they are. With `fresh` the laws see the rope
+    come from being straight, at once. Without `hessian` (a compile-time choice) upper and lower are left.
     """
-    n = mass.shape[1]
+    n = particles.shape[1]
+    dt = steps[b, t, 0] * (1 - fresh)
     energy = 0.0
+    none = 0.0 * identity()
     gx_next, gt_next = vec3(0.0), vec3(0.0)
-    xx_next, tt_next = 0.0 * identity(), 0.0 * identity()
+    xx_next, tt_next = none, none
     for i in range(n + 1):
         gx, gt, xx, tt = gx_next, gt_next, xx_next, tt_next
-        xt, x_x, t_x, t_t = 0.0 * identity(), 0.0 * identity(), 0.0 * identity(), 0.0 * identity()
+        xt, x_x, t_x, t_t, t_t_low, rub = none, none, none, none, none, none
         gx_next, gt_next = vec3(0.0), vec3(0.0)
-        xx_next, tt_next = 0.0 * identity(), 0.0 * identity()
+        xx_next, tt_next = none, none
         if i < n:
-            e, _moment, ga, gb, aa, ab, bb = bend_twist(
-                q[b, t, i], q[b, t, i + 1], joint_l[b, i], joint_d[b, i], joint_rest[b, i]
-            )
-            energy += e
+            now_l, before_l = joint_lengths(joints, steps, b, t, i)
+            phi, w, v, c, c1, c2 = darboux(q[b, t, i], q[b, t, i + 1])
+            kappa = phi / now_l
+            before = kappa
+            if laws_act(joints, b, i):
+                before = bent_before(q, b, t, i, before_l, fresh)
+            e, moment, tangent = respond(joints, past, b, t - 1, i, kappa, before, dt, forced)
+            energy += now_l * e
+            ga, gb, aa, ab, ba, bb = bend_twist(w, v, c, c1, c2, moment, tangent / now_l)
             gt += ga
             tt += aa
-            t_t = ab
-            gt_next = gb
-            tt_next = bb
+            t_t, t_t_low = ab, ba
+            gt_next, tt_next = gb, bb
             if i > 0:
                 s = i - 1
-                e, gd, gs, dd, dt, st = stretch_shear(
-                    x[b, t, s + 1] - x[b, t, s], q[b, t, i], segment_l[b, s], segment_k[b, s]
-                )
+                e, gd, gs, dd, dtheta, st = stretch_shear(
+                    x[b, t, s + 1] - x[b, t, s], q[b, t, i], segments[b, s, 0] * steps[b, t, 1],
+                    vec3(segments[b, s, 1], segments[b, s, 2], segments[b, s, 3]),
+                )  # fmt: skip
                 energy += e
                 gx -= gd
                 gt += gs
                 xx += dd
                 tt += st
-                xt = -dt
+                xt = -dtheta
                 x_x = -dd
-                t_x = dt.transpose()
+                t_x = dtheta.transpose()
                 gx_next = gd
                 xx_next = dd
+        for end in ti.static(range(2)):
+            if i == end * n and grips[b, end, 0] > 0.0:
+                e, g, h = grip(
+                    end_q[b, t - 1, end],
+                    q[b, t, i],
+                    vec3(grips[b, end, 0], grips[b, end, 1], grips[b, end, 2]),
+                )
+                energy += e
+                gt += g
+                tt += h
         if i > 0:
             p = i - 1
-            # the particle itself, and the middle of the segment that follows it
-            for middle in range(2):
-                if p + middle < n:
-                    here = x[b, t, p]
-                    share = 1.0
-                    if middle == 1:
-                        here = 0.5 * (here + x[b, t, p + 1])
-                        share = 0.5
-                    e, g, h = push(here, radius[b, 0], contact[b, 2 * p + middle], obstacles, b)
-                    energy += e
-                    gx += share * g
-                    xx += share * share * h
-                    if middle == 1:
-                        gx_next += share * g
-                        xx_next += share * share * h
-                        x_x += share * share * h
-            inertia, friction = mass[b, p] * rate * rate, drag[b, p] * rate
-            flown, moved = x[b, t, p] - free_flight[b, p], x[b, t, p] - x[b, previous, p]
-            energy -= force[b, p].dot(x[b, t, p])
-            energy += 0.5 * inertia * flown.dot(flown) + 0.5 * friction * moved.dot(moved)
-            gx += inertia * flown + friction * moved - force[b, p]
-            xx += (inertia + friction) * identity()
-        write_block(band, b, i, xx, xt, tt, x_x, t_x, t_t)
+            # a smooth rope whose segment is out of reach has nothing to look for
+            reach = SAMPLES if p + 1 < n else 1
+            if symmetric == 1 and p + 1 < n:
+                k = SAMPLES * p + SAMPLES // 2
+                span = 0.6 * segments[b, p, 0] * steps[b, t, 1]
+                if not within(sample(x, b, t, p, SAMPLES // 2), contacts[b, k, 1] + span, obstacles, b):
+                    reach = 0
+            for j in range(reach):
+                k = SAMPLES * p + j
+                there = j / float(SAMPLES)
+                here = 1.0 - there
+                point = sample(x, b, t, p, j)
+                e, g, h = push(point, contacts[b, k, 1], contacts[b, k, 0], obstacles, b)
+                if symmetric == 0 and fresh == 0:
+                    ef, hold, stretch, by_p, _by_past, _k = friction(
+                        point, sample(x, b, t - 1, p, j), slip[b, t - 1, k], contacts[b, k, 1],
+                        contacts[b, k, 0], obstacles, b, kept(sliding, b, t, k, forced),
+                        frozen(limits, b, k, lagged),
+                    )  # fmt: skip
+                    e += ef
+                    g += hold * stretch
+                    h += hold * by_p
+                energy += e
+                gx += here * g
+                xx += here * here * h
+                gx_next += there * g
+                xx_next += there * there * h
+                rub += here * there * h
+            load = vec3(particles[b, p, LOAD], particles[b, p, LOAD + 1], particles[b, p, LOAD + 2])
+            energy -= load.dot(x[b, t, p])
+            gx -= load
+            if moving == 1:
+                rate = 1.0 / steps[b, t, 0]
+                inertia, drag = particles[b, p, INERTIA] * rate * rate, particles[b, p, DRAG] * rate
+                moved = x[b, t, p] - x[b, t - 1, p]
+                flown = moved - momentum * carried(x, first, steps, b, t, p)
+                energy += 0.5 * inertia * flown.dot(flown) + 0.5 * drag * moved.dot(moved)
+                gx += inertia * flown + drag * moved
+                xx += (inertia + drag) * identity()
+        if ti.static(hessian):
+            write_upper(upper, m, i, xx, xt, tt, x_x + rub, t_x, t_t)
+            if symmetric == 0:
+                write_lower(lower, m, i, xx, xt.transpose(), tt, x_x + rub, t_x.transpose(), t_t_low)
         for r in ti.static(range(3)):
-            y[b, 0, 6 * i + r] = -gx[r]
-            y[b, 0, 6 * i + 3 + r] = -gt[r]
+            y[m, 0, 6 * i + r] = -gx[r]
+            y[m, 0, 6 * i + 3 + r] = -gt[r]
     return energy
 
 
 @ti.func
-def hold(band: ti.template(), b: int, row: int):
-    """Take three unknowns out of the Hessian: unit diagonal, no coupling."""
-    for r in ti.static(range(3)):
-        for k in ti.static(range(1, HALF + 1)):
-            band[b, row + r, k] = 0.0
-            if row + r - k >= 0:
-                band[b, row + r - k, k] = 0.0
-        band[b, row + r, 0] = 1.0
+def carried(x: ti.template(), first: ti.template(), steps: ti.template(), b: int, t: int, p: int) -> vec3:
+    """What particle p would move in the step to index t if nothing changed its velocity [m]."""
+    moved = x[b, t - 1, p] - first[b, p]
+    if t > 1:
+        moved = (x[b, t - 1, p] - x[b, t - 2, p]) * (steps[b, t, 0] / steps[b, t - 1, 0])
+    return moved
 
 
 @ti.func
-def hold_ends(band: ti.template(), b: int, n: int, clamped: ti.template()):
-    """Take out what is prescribed: both outer frames, the unused first position, the held particles."""
-    hold(band, b, 0)
-    hold(band, b, 3)
-    hold(band, b, 6 * n + 3)
-    if clamped[b, 0] == 1:
-        hold(band, b, 6)
-    if clamped[b, 1] == 1:
-        hold(band, b, 6 * n)
+def grip(held: vec4, frame: vec4, stiffness: vec3):
+    """Energy [J] of a clamp that gives way, its gradient by a turn of the rope's frame, and its Hessian."""
+    phi, w, v, c, c1, c2 = darboux(held, frame)
+    diagonal = mat3([[stiffness[0], 0.0, 0.0], [0.0, stiffness[1], 0.0], [0.0, 0.0, stiffness[2]]])
+    _ga, g, _aa, _ab, _ba, h = bend_twist(w, v, c, c1, c2, stiffness * phi, diagonal)
+    return 0.5 * (stiffness * phi).dot(phi), g, h
 
 
 @ti.func
-def clear_held(y: ti.template(), b: int, c: int, n: int, clamped: ti.template()):
+def advance(
+    b: int, t: int, m: int, u: int, x: ti.template(), q: ti.template(), past: ti.template(),
+    slip: ti.template(), sliding: ti.template(), steps: ti.template(), joints: ti.template(),
+    contacts: ti.template(), obstacles: ti.template(), fresh: int, symmetric: int, forced: int,
+    out_past: ti.template(), out_slip: ti.template(),
+):  # fmt: skip
+    """The histories of laws and contacts after the step to index t, into out_past[m, u], out_slip[m, u].
+
+    Unless `forced`, the branches that they took go into them and into `sliding`.
+    """
+    n = joints.shape[1]
+    dt = steps[b, t, 0] * (1 - fresh)
+    for i in range(n):
+        now_l, before_l = joint_lengths(joints, steps, b, t, i)
+        if laws_act(joints, b, i):
+            kappa = curvature(q, b, t, i, now_l)
+            before = bent_before(q, b, t, i, before_l, fresh)
+            remember(joints, past, b, t - 1, i, kappa, before, dt, forced, out_past, m, u)
+        for j in range(SAMPLES):
+            if symmetric == 0 and (j == 0 or i + 1 < n):
+                k = SAMPLES * i + j
+                stretch = vec3(0.0)
+                if fresh == 0:
+                    _e, _hold, stretch, _by_p, _by_past, slides = friction(
+                        sample(x, b, t, i, j), sample(x, b, t - 1, i, j), slip[b, t - 1, k],
+                        contacts[b, k, 1], contacts[b, k, 0], obstacles, b, kept(sliding, b, t, k, forced),
+                        vec4(-1.0),
+                    )  # fmt: skip
+                    if forced == 0:
+                        sliding[b, t, k] = slides
+                out_slip[m, u, k] = stretch
+
+
+@ti.func
+def row_of(k: int, n: int) -> int:
+    """The first unknown of the k-th of what may be prescribed."""
+    row = 0
+    if k == 1:
+        row = 3
+    elif k == 2:
+        row = 6 * n + 3
+    elif k == 3:
+        row = 6
+    elif k == 4:
+        row = 6 * n
+    return row
+
+
+@ti.func
+def is_held(k: int, b: int, grips: ti.template(), clamped: ti.template()) -> bool:
+    """Whether the k-th of what may be prescribed is: held ends, and what is not used."""
+    held = k == 0
+    if k == 1 or k == 2:
+        held = grips[b, k - 1, 0] == 0.0
+    elif k > 2:
+        held = clamped[b, k - 3] == 1
+    return held
+
+
+@ti.func
+def hold_ends(
+    upper: ti.template(),
+    lower: ti.template(),
+    m: int,
+    n: int,
+    b: int,
+    grips: ti.template(),
+    clamped: ti.template(),
+):
+    """Take out of the Hessian what is prescribed: unit diagonal, no coupling."""
+    for end in range(ENDS):
+        if is_held(end, b, grips, clamped):
+            for r in range(row_of(end, n), row_of(end, n) + 3):
+                for k in range(1, HALF + 1):
+                    upper[m, r, k] = 0.0
+                    lower[m, r, k] = 0.0
+                    if r - k >= 0:
+                        upper[m, r - k, k] = 0.0
+                        lower[m, r - k, k] = 0.0
+                upper[m, r, 0] = 1.0
+
+
+@ti.func
+def clear_held(
+    y: ti.template(), m: int, c: int, n: int, b: int, grips: ti.template(), clamped: ti.template()
+):
     """Zero the prescribed unknowns of column c."""
-    for r in ti.static(range(6)):
-        y[b, c, r] = 0.0
-    for r in ti.static(range(3)):
-        y[b, c, 6 * n + 3 + r] = 0.0
-        if clamped[b, 0] == 1:
-            y[b, c, 6 + r] = 0.0
-        if clamped[b, 1] == 1:
-            y[b, c, 6 * n + r] = 0.0
+    for end in range(ENDS):
+        if is_held(end, b, grips, clamped):
+            for r in range(row_of(end, n), row_of(end, n) + 3):
+                y[m, c, r] = 0.0

@@ -1,61 +1,152 @@
 """Factors of the rod's Hessian, which is banded.
 
 A particle and its segment's frame are six unknowns; each couples only to its neighbours, and a particle
-not to the next frame, so the half bandwidth is 8. Row r of `band[b]` holds A[r, r], ..., A[r, r + 8];
-eight rows of zeros follow the last, so that no loop asks where the matrix ends.
+not to the next frame, so the half bandwidth is 8. Row r of `upper[m]` holds A[r, r], ..., A[r, r + 8], row
+r of `lower[m]` the column A[r, r], ..., A[r + 8, r] (its first entry is not used); eight rows of zeros follow
+the last, so that no loop asks where the matrix ends.
 """
 
 from dlolib.sim.runtime import ti
 
 HALF = 8
+vec8 = ti.types.vector(HALF, ti.f64)
+# Rows 0 ... 8 of a triangle, each shorter by one, in one vector: where each begins.
+PLACE = tuple(i * (HALF + 1) - i * (i - 1) // 2 for i in range(HALF + 1))
+triangle = ti.types.vector(PLACE[-1] + 1, ti.f64)
 
 
 @ti.func
-def factor(band: ti.template(), b: int, rows: int, definite: int) -> int:
-    """A = L D L^T in place: row r then holds 1 / D[r] and column r of L. Returns 0, or r + 1 where it broke.
+def factor(
+    upper: ti.template(), lower: ti.template(), m: int, rows: int, symmetric: int, definite: int
+) -> int:
+    """A = L U in place: row r then holds 1 / U[r, r] and row r of U, `lower` column r of L.
 
-    With `definite` = 1 a pivot that is not positive breaks it down (an energy has no minimum there);
-    with 0 only one that is zero does.
+    Of a `symmetric` A only the upper part is read. With `definite` = 1 a pivot that is not positive breaks it
+    down (an energy has no minimum there); with 0 only one that is zero does. Returns 0, or r + 1 where it
+    broke.
     """
     failed = 0
+    if symmetric == 1:
+        failed = factor_symmetric(upper, lower, m, rows, definite)
+    else:
+        failed = factor_general(upper, lower, m, rows, definite)
+    return failed
+
+
+@ti.func
+def factor_symmetric(upper: ti.template(), lower: ti.template(), m: int, rows: int, definite: int) -> int:
+    """See `factor`. What a row changes of the eight that follow it, a triangle, stays in registers."""
+    failed = 0
+    window = triangle(0.0)
+    for i in ti.static(range(HALF + 1)):
+        for k in ti.static(range(HALF + 1 - i)):
+            window[PLACE[i] + k] = upper[m, i, k]
     for r in range(rows):
-        pivot = band[b, r, 0]
         if failed == 0:
+            pivot = window[0]
             if pivot > 0.0 or (definite == 0 and pivot < 0.0):
                 inverse = 1.0 / pivot
-                band[b, r, 0] = inverse
+                upper[m, r, 0] = inverse
                 for i in ti.static(range(1, HALF + 1)):
-                    u = band[b, r, i] * inverse
+                    upper[m, r, i] = window[i]
+                    share = window[i] * inverse
+                    lower[m, r, i] = share
                     for k in ti.static(range(HALF + 1 - i)):
-                        band[b, r + i, k] = band[b, r + i, k] - u * band[b, r, i + k]
-                for i in ti.static(range(1, HALF + 1)):
-                    band[b, r, i] = band[b, r, i] * inverse
+                        window[PLACE[i] + k] -= share * window[i + k]
+                for i in ti.static(range(HALF)):
+                    for k in ti.static(range(HALF - i)):
+                        window[PLACE[i] + k] = window[PLACE[i + 1] + k]
+                    window[PLACE[i] + HALF - i] = upper[m, r + 1 + i, HALF - i]
+                # row r + 9 is past the end once; nothing reads it
+                window[PLACE[HALF]] = upper[m, ti.min(r + HALF + 1, rows + HALF - 1), 0]
             else:
                 failed = r + 1
     return failed
 
 
 @ti.func
-def solve(band: ti.template(), m: int, y: ti.template(), b: int, c: int, rows: int):
-    """Column c of y[b]: y <- A^-1 y, with the factor that `factor` left in band[m]."""
+def factor_general(upper: ti.template(), lower: ti.template(), m: int, rows: int, definite: int) -> int:
+    """See `factor`."""
+    failed = 0
     for r in range(rows):
-        value = y[b, c, r]
-        for k in ti.static(range(1, HALF + 1)):
-            y[b, c, r + k] = y[b, c, r + k] - band[m, r, k] * value
+        pivot = upper[m, r, 0]
+        if failed == 0:
+            if pivot > 0.0 or (definite == 0 and pivot < 0.0):
+                inverse = 1.0 / pivot
+                upper[m, r, 0] = inverse
+                for i in ti.static(range(1, HALF + 1)):
+                    share = lower[m, r, i] * inverse
+                    lower[m, r, i] = share
+                    for k in ti.static(range(1, HALF + 1)):
+                        if ti.static(k >= i):
+                            upper[m, r + i, k - i] = upper[m, r + i, k - i] - share * upper[m, r, k]
+                        else:
+                            lower[m, r + k, i - k] = lower[m, r + k, i - k] - share * upper[m, r, k]
+            else:
+                failed = r + 1
+    return failed
+
+
+@ti.func
+def solve(upper: ti.template(), lower: ti.template(), m: int, y: ti.template(), b: int, c: int, rows: int):
+    """Column c of y[b]: y <- A^-1 y, with the factors that `factor` left in upper[m] and lower[m]."""
+    # a window of the eight unknowns ahead, or behind on the way back, stays in registers
+    ahead = vec8(0.0)
+    for k in ti.static(range(HALF)):
+        ahead[k] = y[b, c, k]
+    for r in range(rows):
+        value = ahead[0]
+        y[b, c, r] = value
+        for k in ti.static(range(HALF - 1)):
+            ahead[k] = ahead[k + 1] - lower[m, r, k + 1] * value
+        ahead[HALF - 1] = y[b, c, r + HALF] - lower[m, r, HALF] * value
+    behind = vec8(0.0)
     for back in range(rows):
         r = rows - 1 - back
-        value = y[b, c, r] * band[m, r, 0]
+        value = y[b, c, r]
+        for k in ti.static(range(HALF, 0, -1)):
+            value -= upper[m, r, k] * behind[k - 1]
+        for k in ti.static(range(HALF - 1, 0, -1)):
+            behind[k] = behind[k - 1]
+        behind[0] = value * upper[m, r, 0]
+        y[b, c, r] = behind[0]
+
+
+@ti.func
+def solve_transposed(
+    upper: ti.template(), lower: ti.template(), m: int, y: ti.template(), b: int, c: int, rows: int
+):
+    """Column c of y[b]: y <- A^-T y."""
+    for r in range(rows):
+        value = y[b, c, r] * upper[m, r, 0]
+        y[b, c, r] = value
         for k in ti.static(range(1, HALF + 1)):
-            value -= band[m, r, k] * y[b, c, r + k]
+            y[b, c, r + k] = y[b, c, r + k] - upper[m, r, k] * value
+    for back in range(rows):
+        r = rows - 1 - back
+        value = y[b, c, r]
+        for k in ti.static(range(1, HALF + 1)):
+            value -= lower[m, r, k] * y[b, c, r + k]
         y[b, c, r] = value
 
 
 @ti.func
-def row_times(band: ti.template(), m: int, y: ti.template(), b: int, c: int, r: int) -> float:
-    """(A y)[r] of column c of y[b], for an A in band[m] that is not factored."""
-    value = band[m, r, 0] * y[b, c, r]
+def times_column(
+    upper: ti.template(), lower: ti.template(), m: int, y: ti.template(), b: int, c: int, r: int
+) -> float:
+    """(A^T y)[r] for column c of y[b] and an A that is not factored, both its parts written."""
+    value = upper[m, r, 0] * y[b, c, r]
     for k in ti.static(range(1, HALF + 1)):
-        value += band[m, r, k] * y[b, c, r + k]
+        value += lower[m, r, k] * y[b, c, r + k]
         if r - k >= 0:
-            value += band[m, r - k, k] * y[b, c, r - k]
+            value += upper[m, r - k, k] * y[b, c, r - k]
+    return value
+
+
+@ti.func
+def entry(upper: ti.template(), lower: ti.template(), m: int, r: int, c: int) -> float:
+    """A[r, c] within the band, not factored."""
+    value = lower[m, ti.min(r, c), ti.abs(r - c)]
+    if c >= r:
+        value = upper[m, r, c - r]
     return value

@@ -1,15 +1,33 @@
-"""Constraint 5 as a stiff one-sided spring between points of the rope and the obstacles.
+"""Constraint 5: obstacles push points of the rope out, and Coulomb friction holds them back.
 
-The paper's C_c = (x - x_ic) . n_ic acts on particles alone; here the particles and the segments' middles
-push, each for its share of the length, so that a cylinder does not sink in between two particles. The
-spring sets in over `RAMP_M`, which keeps its energy twice differentiable where a contact opens or closes.
+The paper's C_c = (x - x_ic) . n_ic acts on particles alone; here points along the segments are pushed, each
+for its share of the length, so that a cylinder does not sink in between two particles. The
+push is a stiff one-sided spring that sets in over `RAMP_M`, which keeps its energy twice differentiable where
+a contact opens or closes. Friction is a tangential spring whose end slides once its force exceeds μ times the
+push (return mapping; Wriggers, Computational Contact Mechanics, 2006, section 5.2): its stretch is the
+contact's history.
 """
 
 from dlolib.sim.rotations import identity
-from dlolib.sim.runtime import ti, vec3
+from dlolib.sim.runtime import ti, vec3, vec4
+from dlolib.sim.scene import FRICTION
 from dlolib.sim.shapes import signed_distance
 
-RAMP_M = 2e-4
+RAMP_M = 2e-5
+# Tangential stiffness over the normal one.
+TANGENT = 0.5
+
+
+@ti.func
+def spring(depth: float):
+    """Force over stiffness [m], its derivative and its potential [m^2] of a contact this deep."""
+    force, slope, value = 0.0, 0.0, 0.0
+    if depth > RAMP_M:
+        force, slope, value = depth - RAMP_M / 2, 1.0, depth * (depth - RAMP_M) / 2 + RAMP_M * RAMP_M / 6
+    elif depth > 0.0:
+        force, slope = depth * depth / (2 * RAMP_M), depth / RAMP_M
+        value = depth * depth * depth / (6 * RAMP_M)
+    return force, slope, value
 
 
 @ti.func
@@ -18,16 +36,87 @@ def push(p: vec3, radius: float, stiffness: float, o: ti.template(), b: int):
     energy, gradient, hessian = 0.0, vec3(0.0), 0.0 * identity()
     for k in range(o.shape[1]):
         d, n, h, _section = signed_distance(p, o, b, k)
-        depth = radius - d
-        if depth > 0.0:
-            force, slope, value = depth - RAMP_M / 2, 1.0, depth * (depth - RAMP_M) / 2 + RAMP_M * RAMP_M / 6
-            if depth < RAMP_M:
-                force, slope = depth * depth / (2 * RAMP_M), depth / RAMP_M
-                value = depth * depth * depth / (6 * RAMP_M)
+        if d < radius:
+            force, slope, value = spring(radius - d)
             energy += stiffness * value
             gradient -= stiffness * force * n
             hessian += stiffness * (slope * n.outer_product(n) - force * h)
     return energy, gradient, hessian
+
+
+@ti.func
+def within(p: vec3, reach: float, o: ti.template(), b: int) -> bool:
+    """Whether any obstacle is nearer to p than that [m]."""
+    found = False
+    for k in range(o.shape[1]):
+        d, _n, _h, _section = signed_distance(p, o, b, k)
+        found = found or d < reach
+    return found
+
+
+@ti.func
+def friction(
+    p: vec3, before: vec3, past: vec3, radius: float, stiffness: float, o: ti.template(), b: int, branch: int,
+    frozen: vec4,
+):  # fmt: skip
+    """Friction of a point with the rough obstacle that it is deepest in.
+
+    Args:
+        p, before: where the point is, and where it was at the step before [m].
+        past: the tangential spring's stretch then [m].
+        branch: 0 to stick, 1 to slide, -1 as it comes out.
+        frozen: stretch at which it slides [m] and the surface's normal, which make the force that of a
+            potential; or -1 first: by where the point is now.
+
+    Returns:
+        energy [J], of a frozen limit; the spring's stiffness [N/m], 0 where nothing rough is touched;
+        its stretch [m], and the stretch's derivatives by p and by past (that by before is minus the latter);
+        and whether it slides.
+    """
+    energy, hold, slides = 0.0, 0.0, 0
+    stretch, by_p, by_past = vec3(0.0), 0.0 * identity(), 0.0 * identity()
+    limit, n, by_depth, h = frozen[0], vec3(frozen[1], frozen[2], frozen[3]), 0.0, 0.0 * identity()
+    if frozen[0] < 0.0:
+        limit, n, by_depth, h = grip_of(p, radius, o, b)
+    if limit > 0.0:
+        hold = TANGENT * stiffness
+        v = past + p - before
+        along = identity() - n.outer_product(n)
+        stretch = along @ v
+        size = stretch.norm()
+        by_p, by_past = along - n.dot(v) * h - n.outer_product(h @ v), along
+        energy = 0.5 * hold * size * size
+        slides = branch
+        if branch < 0:
+            slides = 0
+            if size > limit:
+                slides = 1
+        if slides == 1:
+            energy = hold * limit * (size - 0.5 * limit)
+            e = stretch / ti.max(size, 1e-300)
+            slide = limit / ti.max(size, 1e-300) * (identity() - e.outer_product(e))
+            stretch = limit * e
+            by_p = slide @ by_p - by_depth * e.outer_product(n)
+            by_past = slide @ along
+    return energy, hold, stretch, by_p, by_past, slides
+
+
+@ti.func
+def grip_of(p: vec3, radius: float, o: ti.template(), b: int):
+    """Of the rough obstacle in which p is deepest: the stretch [m] at which p slides, 0 if it touches none;
+    the surface's normal; the limit's derivative by the depth; the normal's by p."""
+    deepest, limit, by_depth = 0.0, 0.0, 0.0
+    normal, bend = vec3(0.0), 0.0 * identity()
+    for k in range(o.shape[1]):
+        mu = o[b, k, FRICTION]
+        if mu > 0.0:
+            d, n, h, _section = signed_distance(p, o, b, k)
+            if radius - d > deepest:
+                deepest = radius - d
+                force, slope, _value = spring(deepest)
+                limit, by_depth = mu * force / TANGENT, mu * slope / TANGENT
+                normal, bend = n, h
+    return limit, normal, by_depth, bend
 
 
 @ti.kernel

@@ -1,367 +1,266 @@
 """The direct solver: each step's constraints all at once, by Newton's method on a banded Hessian.
 
 XPBD's multipliers (3), solved together instead of one by one, are a Newton step of the implicit Euler
-energy; iterated until it stands still, the shape depends on no iteration count. Its derivatives follow
-from the implicit function theorem: one banded solve a step, backwards (`adjoint`) or forwards
-(`sensitivities`).
+energy; iterated until it stands still, the shape depends on no iteration count.
 """
 
 from dlolib.sim.assembly import (
+    advance,
     assemble,
     clear_held,
-    flags1,
     flags2,
+    flags3,
     frames2,
     frames3,
     hold_ends,
-    scalars2,
+    sample,
     scalars3,
+    scalars4,
     vectors2,
     vectors3,
-    vectors4,
 )
-from dlolib.sim.band import HALF, factor, row_times, solve
+from dlolib.sim.band import factor, solve
+from dlolib.sim.contact import grip_of
+from dlolib.sim.joints import laws_act
 from dlolib.sim.rotations import conjugate, product, rotated
 from dlolib.sim.runtime import ti, vec3
-from dlolib.sim.strain import curvature, moment_to_rotations, rotations_to_strain
+from dlolib.sim.scene import FRICTION, SAMPLES, STIFFNESS
 
 CONVERGED, UNCONVERGED, NOT_FINITE = 0, 1, 2
 LARGEST_TURN = 0.5
 # A Newton step this small that no longer shrinks is rounding: the stretch stiffness times the last bit of a
 # position is a force, and a soft rope moves under it.
 ROUNDING = 1e-7
+# A Newton step leaves about its square times this [1/m]: curvatures of a rope without contact and history.
+QUADRATIC_1_M = 1e4
+# Newton's step at which contacts with noted limits are near enough to note them anew.
+LAGGED_ENOUGH = 1e-4
 
 
 @ti.func
-def copy_band(source: ti.template(), target: ti.template(), b: int, rows: int):
-    for r in range(rows):
-        for k in ti.static(range(HALF + 1)):
-            target[b, r, k] = source[b, r, k]
+def predict(
+    b: int, t: int, x: ti.template(), q: ti.template(), first: ti.template(), end_x: ti.template(),
+    end_q: ti.template(), grips: ti.template(), clamped: ti.template(),
+):  # fmt: skip
+    """Where the iteration begins: where the rope would be if it moved on as in the step before.
+
+    What the held ends do beyond that is shared out along the rope, or their segments alone would stretch.
+    """
+    n = x.shape[2]
+    for p in range(n):
+        last = first[b, p] if t == 1 else x[b, ti.max(t - 2, 0), p]
+        x[b, t, p] = 2.0 * x[b, t - 1, p] - last
+    for i in range(n + 1):
+        q[b, t, i] = q[b, t - 1, i]
+        if t > 1:
+            turn = product(conjugate(q[b, t - 2, i]), q[b, t - 1, i])
+            q[b, t, i] = product(q[b, t - 1, i], turn).normalized()
+    beyond_start, beyond_end = vec3(0.0), vec3(0.0)
+    if clamped[b, 0] == 1:
+        beyond_start = end_x[b, t - 1, 0] - x[b, t, 0]
+        if grips[b, 0, 0] == 0.0:
+            q[b, t, 0] = end_q[b, t - 1, 0]
+    if clamped[b, 1] == 1:
+        beyond_end = end_x[b, t - 1, 1] - x[b, t, n - 1]
+        if grips[b, 1, 0] == 0.0:
+            q[b, t, n] = end_q[b, t - 1, 1]
+    for p in range(n):
+        share = float(p) / float(n - 1)
+        x[b, t, p] = x[b, t, p] + (1.0 - share) * beyond_start + share * beyond_end
+    if clamped[b, 0] == 1:
+        x[b, t, 0] = end_x[b, t - 1, 0]
+    if clamped[b, 1] == 1:
+        x[b, t, n - 1] = end_x[b, t - 1, 1]
 
 
 @ti.func
-def factor_shifted(band: ti.template(), saved: ti.template(), b: int, n: int, scale_x: float, scale_t: float):
-    """Factor the Hessian; where it is not positive definite (a rope about to buckle), shift it first."""
-    rows = 6 * (n + 1)
-    copy_band(band, saved, b, rows)
-    shift = 0.0
-    failed = 1
-    while failed > 0 and shift < 1e12:
-        for r in range(rows):
-            for k in ti.static(range(HALF + 1)):
-                band[b, r, k] = saved[b, r, k]
-            scale = scale_x
-            if r % 6 > 2:
-                scale = scale_t
-            band[b, r, 0] += shift * scale
-        failed = factor(band, b, rows, 1)
-        shift = ti.max(1e-3, 4.0 * shift)
-    return failed
+def scale_of(r: int, scale_x: float, scale_t: float) -> float:
+    """Stiffness that belongs to unknown r: a position's or a turn's."""
+    scale = scale_x
+    if r % 6 > 2:
+        scale = scale_t
+    return scale
+
+
+@ti.func
+def note_limits(
+    b: int, t: int, x: ti.template(), contacts: ti.template(), obstacles: ti.template(), limits: ti.template()
+):
+    """At which stretch each contact slides, by how deep it is at index t."""
+    n = x.shape[2]
+    for p in range(n):
+        for j in range(SAMPLES):
+            if j == 0 or p + 1 < n:
+                k = SAMPLES * p + j
+                limit, normal, _slope, _bend = grip_of(sample(x, b, t, p, j), contacts[b, k, 1], obstacles, b)
+                limits[b, 0, k] = limit
+                for j in ti.static(range(3)):
+                    limits[b, j + 1, k] = normal[j]
 
 
 @ti.kernel
 def roll_out(
     x: vectors3,
     q: frames3,
-    before: vectors2,
+    first: vectors2,
+    past: scalars4,
+    slip: vectors3,
+    sliding: flags3,
     end_x: vectors3,
     end_q: frames3,
-    joint_d: vectors2,
-    joint_l: scalars2,
-    joint_rest: vectors2,
-    segment_l: scalars2,
-    segment_k: vectors2,
-    mass: scalars2,
-    force: vectors2,
-    drag: scalars2,
+    steps: scalars3,
+    joints: scalars3,
+    segments: scalars3,
+    particles: scalars3,
+    contacts: scalars3,
     obstacles: scalars3,
-    radius: scalars2,
-    contact: scalars2,
+    grips: scalars3,
     clamped: flags2,
-    rate: ti.f64,
+    moving: ti.i32,
     momentum: ti.f64,
+    fresh: ti.i32,
+    symmetric: ti.i32,
     tolerance: ti.f64,
     most: ti.i32,
-    band: scalars3,
-    saved: scalars3,
+    upper: scalars3,
+    lower: scalars3,
     y: scalars3,
+    limits: scalars3,
     base_x: vectors2,
     base_q: frames2,
-    flight: vectors2,
     status: flags2,
     iterations: flags2,
 ):
-    """Steps 1 ... T of every rope, from the state at index 0; see `Scene` and `Path` for the arrays."""
+    """Steps 1 ... T of every rope, from the state at index 0; arrays as in `Scene` and `Rollout`."""
     for b in range(x.shape[0]):
         n = x.shape[2]
         rows = 6 * (n + 1)
-        scale_x = joint_d[b, n // 2][0] / segment_l[b, 0] ** 3
-        scale_t = joint_d[b, n // 2][0] / segment_l[b, 0]
+        length = segments[b, 0, 0]
+        scale_t = joints[b, n // 2, STIFFNESS] / length
+        scale_x = scale_t / length**2
         alive = True
+        # what a full step leaves of itself where forces are smooth; else each step is as good as its word
+        bend = QUADRATIC_1_M
+        for i in range(n):
+            if obstacles.shape[1] > 0 or laws_act(joints, b, i):
+                bend = 1e300
+        rough = 0
+        for k in range(obstacles.shape[1]):
+            if obstacles[b, k, FRICTION] > 0.0 and fresh == 0:
+                rough = 1
         for t in range(1, x.shape[1]):
-            # free flight (standing still, without momentum) is where inertia pulls to; the iteration begins
-            # where the rope would be if it moved on as in the step before, whatever the clock
-            for p in range(n):
-                last = before[b, p] if t == 1 else x[b, ti.max(t - 2, 0), p]
-                flight[b, p] = x[b, t - 1, p] + momentum * (x[b, t - 1, p] - last)
-                x[b, t, p] = 2.0 * x[b, t - 1, p] - last
-            for i in range(n + 1):
-                q[b, t, i] = q[b, t - 1, i]
-                if t > 1:
-                    turn = product(conjugate(q[b, t - 2, i]), q[b, t - 1, i])
-                    q[b, t, i] = product(q[b, t - 1, i], turn).normalized()
-            # what the held ends do beyond that is shared out along the rope, or their segments alone stretch
-            beyond_start, beyond_end = vec3(0.0), vec3(0.0)
-            if clamped[b, 0] == 1:
-                beyond_start = end_x[b, t - 1, 0] - x[b, t, 0]
-                q[b, t, 0] = end_q[b, t - 1, 0]
-            if clamped[b, 1] == 1:
-                beyond_end = end_x[b, t - 1, 1] - x[b, t, n - 1]
-                q[b, t, n] = end_q[b, t - 1, 1]
-            for p in range(n):
-                share = float(p) / float(n - 1)
-                x[b, t, p] = x[b, t, p] + (1.0 - share) * beyond_start + share * beyond_end
-            if clamped[b, 0] == 1:
-                x[b, t, 0] = end_x[b, t - 1, 0]
-            if clamped[b, 1] == 1:
-                x[b, t, n - 1] = end_x[b, t - 1, 1]
+            predict(b, t, x, q, first, end_x, end_q, grips, clamped)
+            if fresh == 1:
+                # a rope that comes from being straight has no history
+                for i in range(n):
+                    for k in range(past.shape[3]):
+                        past[b, t - 1, i, k] = 0.0
             done = not alive
-            lowest = 1e300
-            fraction = 1.0
-            length, last_length = 1e300, 1e300
+            lowest, least = 1e300, 1e300
+            fraction, shift = 1.0, 0.0
+            step, last_step = 1e300, 1e300
             converged = False
             count = 0
+            # friction first by the limits of the step before, which makes it a potential; then in full
+            lagged, rounds, again = rough, 1, 1
             while not done and count < most:
                 count += 1
                 energy = assemble(
-                    b, t, x, q, flight, t - 1, joint_d, joint_l, joint_rest, segment_l, segment_k, mass,
-                    force, drag, obstacles, radius, contact, rate, band, y,
+                    b, t, b, x, q, first, past, slip, sliding, end_q, steps, joints, segments, particles,
+                    contacts, obstacles, grips, clamped, moving, momentum, fresh, symmetric, 0, lagged,
+                    limits, upper, lower, y, True,
                 )  # fmt: skip
-                if energy > lowest + 1e-13 * ti.abs(lowest) + 1e-18 and fraction > 1e-6:
-                    fraction *= 0.5
-                else:
-                    lowest = energy
-                    fraction = 1.0
-                    hold_ends(band, b, n, clamped)
-                    clear_held(y, b, 0, n, clamped)
-                    if factor_shifted(band, saved, b, n, scale_x, scale_t) > 0:
-                        done = True
-                        status[b, t - 1] = NOT_FINITE
-                        alive = False
-                    solve(band, b, y, b, 0, rows)
-                    # column 1 keeps the step while the line search looks along it
-                    last_length = length
-                    length = 0.0
+                clear_held(y, b, 0, n, b, grips, clamped)
+                # forces without a potential have no energy that falls; then the forces themselves may
+                force = 0.0
+                if symmetric == 0:
                     for r in range(rows):
-                        y[b, 1, r] = y[b, 0, r]
-                        length = ti.max(length, ti.abs(y[b, 0, r]))
-                    if not (length < 1e300):
-                        done = True
-                        status[b, t - 1] = NOT_FINITE
-                        alive = False
-                    fraction = ti.min(1.0, LARGEST_TURN / (length + 1e-300))
+                        force += y[b, 0, r] * y[b, 0, r] / scale_of(r, scale_x, scale_t)
+                worse = energy > lowest + 1e-13 * ti.abs(lowest) + 1e-18
+                if symmetric == 0 and lagged == 0:
+                    worse = force > least and (worse or rough == 1)
+                stands = False
+                if worse and fraction > 1e-6 and shift == 0.0:
+                    fraction *= 0.5
+                    if rough == 1 and lagged == 0 and fraction < 0.1:
+                        # the contacts' state goes to and fro: back to the last good shape, with its limits,
+                        # and nearer with limits noted again and again
+                        fraction = 0.0
+                        lagged = 1
+                        rounds = ti.min(4 * rounds, 256)
+                        again = rounds
+                        lowest, least = 1e300, 1e300
+                else:
+                    lowest, least = energy, force
+                    hold_ends(upper, lower, b, n, b, grips, clamped)
+                    if shift > 0.0:
+                        for r in range(rows):
+                            upper[b, r, 0] += shift * scale_of(r, scale_x, scale_t)
+                    stands = factor(upper, lower, b, rows, symmetric, 1) > 0
+                    if stands:
+                        # not positive definite, a rope about to buckle: the same again, with a shift
+                        shift = ti.max(1e-3, 4.0 * shift)
+                        if shift > 1e12:
+                            done = True
+                            status[b, t - 1] = NOT_FINITE
+                            alive = False
+                    else:
+                        shift = 0.0
+                        solve(upper, lower, b, y, b, 0, rows)
+                        # column 1 keeps the step while the line search looks along it
+                        last_step = step
+                        step = 0.0
+                        for r in range(rows):
+                            y[b, 1, r] = y[b, 0, r]
+                            step = ti.max(step, ti.abs(y[b, 0, r]))
+                        if not (step < 1e300):
+                            done = True
+                            status[b, t - 1] = NOT_FINITE
+                            alive = False
+                        fraction = ti.min(1.0, LARGEST_TURN / (step + 1e-300))
+                        for p in range(n):
+                            base_x[b, p] = x[b, t, p]
+                        for i in range(n + 1):
+                            base_q[b, i] = q[b, t, i]
+                if not stands:
                     for p in range(n):
-                        base_x[b, p] = x[b, t, p]
+                        r = 6 * (p + 1)
+                        x[b, t, p] = base_x[b, p] + fraction * vec3(
+                            y[b, 1, r], y[b, 1, r + 1], y[b, 1, r + 2]
+                        )
                     for i in range(n + 1):
-                        base_q[b, i] = q[b, t, i]
-                for p in range(n):
-                    r = 6 * (p + 1)
-                    x[b, t, p] = base_x[b, p] + fraction * vec3(y[b, 1, r], y[b, 1, r + 1], y[b, 1, r + 2])
-                for i in range(n + 1):
-                    r = 6 * i + 3
-                    q[b, t, i] = rotated(
-                        base_q[b, i], fraction * vec3(y[b, 1, r], y[b, 1, r + 1], y[b, 1, r + 2])
-                    )
-                if length < tolerance or (length < ROUNDING and length > 0.5 * last_length):
+                        r = 6 * i + 3
+                        q[b, t, i] = rotated(
+                            base_q[b, i], fraction * vec3(y[b, 1, r], y[b, 1, r + 1], y[b, 1, r + 2])
+                        )
+                if stands:
+                    pass
+                elif fraction == 0.0:
+                    note_limits(b, t, x, contacts, obstacles, limits)
+                    fraction = 1.0
+                    step = 1e300
+                elif lagged == 1:
+                    if step < LAGGED_ENOUGH / rounds:
+                        converged = step < tolerance
+                        note_limits(b, t, x, contacts, obstacles, limits)
+                        again -= 1
+                        if again == 0:
+                            lagged = 0
+                        lowest, least = 1e300, 1e300
+                        step = 1e300
+                elif (
+                    step * step * bend < tolerance
+                    or step < tolerance
+                    or (step < ROUNDING and step > 0.5 * last_step)
+                ):
                     converged = True
                     done = True
+            if rough == 1:
+                note_limits(b, t, x, contacts, obstacles, limits)
             iterations[b, t - 1] = count
             if alive and not converged:
                 status[b, t - 1] = UNCONVERGED
-
-
-@ti.kernel
-def linearise(
-    x: vectors3,
-    q: frames3,
-    joint_d: vectors2,
-    joint_l: scalars2,
-    joint_rest: vectors2,
-    segment_l: scalars2,
-    segment_k: vectors2,
-    mass: scalars2,
-    force: vectors2,
-    drag: scalars2,
-    obstacles: scalars3,
-    radius: scalars2,
-    contact: scalars2,
-    clamped: flags2,
-    rate: ti.f64,
-    band: scalars3,
-    saved: scalars3,
-    y: scalars3,
-    flight: vectors2,
-    status: flags1,
-):
-    """Hessians of S converged states, x (S, 1, n): whole in `saved`, factored without the ends in `band`."""
-    for m in range(x.shape[0]):
-        n = x.shape[2]
-        assemble(
-            m, 0, x, q, flight, 0, joint_d, joint_l, joint_rest, segment_l, segment_k, mass, force, drag,
-            obstacles, radius, contact, rate, band, y,
-        )  # fmt: skip
-        copy_band(band, saved, m, 6 * (n + 1))
-        hold_ends(band, m, n, clamped)
-        if factor(band, m, 6 * (n + 1), 0) > 0:
-            status[m] = NOT_FINITE
-
-
-@ti.kernel
-def adjoint(
-    x: vectors3,
-    q: frames3,
-    joint_d: vectors2,
-    joint_l: scalars2,
-    joint_rest: vectors2,
-    mass: scalars2,
-    drag: scalars2,
-    clamped: flags2,
-    rate: ti.f64,
-    momentum: ti.f64,
-    band: scalars3,
-    saved: scalars3,
-    y: scalars3,
-    d_x: vectors3,
-    d_before: vectors2,
-    d_end_x: vectors3,
-    d_end_q: vectors3,
-    d_joint_d: vectors2,
-    d_joint_rest: vectors2,
-    d_force: vectors2,
-):
-    """Reverse pass of `roll_out`.
-
-    On entry `d_x` holds the loss's derivative by every position; on exit its first index that by the
-    initial state (and `d_before` by the positions before it). The other d_ arrays are added to:
-    derivatives by the held positions, by turns of the held frames in their own axes, by the joints'
-    stiffness and rest curvature, by the loads.
-    """
-    for b in range(x.shape[0]):
-        n = x.shape[2]
-        rows = 6 * (n + 1)
-        for back in range(x.shape[1] - 1):
-            t = x.shape[1] - 1 - back
-            m = b * (x.shape[1] - 1) + t - 1
-            for r in range(rows):
-                y[b, 0, r] = 0.0
-            for p in range(n):
-                for c in ti.static(range(3)):
-                    y[b, 0, 6 * (p + 1) + c] = d_x[b, t, p][c]
-            clear_held(y, b, 0, n, clamped)
-            solve(band, m, y, b, 0, rows)
-            # lambda is in y: what the step reads, it feeds back to
-            for p in range(n):
-                r = 6 * (p + 1)
-                pull = vec3(y[b, 0, r], y[b, 0, r + 1], y[b, 0, r + 2])
-                d_force[b, p] = d_force[b, p] + pull
-                inertia = mass[b, p] * rate * rate
-                d_x[b, t - 1, p] = d_x[b, t - 1, p] + ((1.0 + momentum) * inertia + drag[b, p] * rate) * pull
-                if t > 1:
-                    d_x[b, t - 2, p] = d_x[b, t - 2, p] - momentum * inertia * pull
-                else:
-                    d_before[b, p] = d_before[b, p] - momentum * inertia * pull
-            for c in ti.static(range(3)):
-                if clamped[b, 0] == 1:
-                    d_end_x[b, t - 1, 0][c] = (
-                        d_end_x[b, t - 1, 0][c] + d_x[b, t, 0][c] - row_times(saved, m, y, b, 0, 6 + c)
-                    )
-                    d_end_q[b, t - 1, 0][c] = d_end_q[b, t - 1, 0][c] - row_times(saved, m, y, b, 0, 3 + c)
-                if clamped[b, 1] == 1:
-                    d_end_x[b, t - 1, 1][c] = (
-                        d_end_x[b, t - 1, 1][c]
-                        + d_x[b, t, n - 1][c]
-                        - row_times(saved, m, y, b, 0, 6 * n + c)
-                    )
-                    d_end_q[b, t - 1, 1][c] = d_end_q[b, t - 1, 1][c] - row_times(
-                        saved, m, y, b, 0, 6 * n + 3 + c
-                    )
-            for i in range(n):
-                ra, rb = 6 * i + 3, 6 * i + 9
-                ta = vec3(y[b, 0, ra], y[b, 0, ra + 1], y[b, 0, ra + 2])
-                tb = vec3(y[b, 0, rb], y[b, 0, rb + 1], y[b, 0, rb + 2])
-                work = rotations_to_strain(q[b, t, i], q[b, t, i + 1], ta, tb)
-                strain = curvature(q[b, t, i], q[b, t, i + 1], joint_l[b, i]) - joint_rest[b, i]
-                d_joint_d[b, i] = d_joint_d[b, i] - work * strain
-                d_joint_rest[b, i] = d_joint_rest[b, i] + work * joint_d[b, i]
-
-
-@ti.kernel
-def sensitivities(
-    x: vectors3,
-    q: frames3,
-    joint_d: vectors2,
-    joint_l: scalars2,
-    joint_rest: vectors2,
-    mass: scalars2,
-    drag: scalars2,
-    clamped: flags2,
-    rate: ti.f64,
-    momentum: ti.f64,
-    band: scalars3,
-    saved: scalars3,
-    y: scalars3,
-    slot: flags1,
-    by_joint_d: vectors3,
-    by_joint_rest: vectors3,
-    by_force: vectors3,
-    by_frame: vectors3,
-    last: vectors3,
-    last_but_one: vectors3,
-    out: vectors4,
-):
-    """Forward pass beside `roll_out`: derivatives of the positions by a handful of parameters.
-
-    A parameter is a direction in the joints' stiffness, rest curvature, loads and the turns of the two
-    held frames: the by_ arrays, [rope, parameter, joint | particle | end]. `slot[t - 1]` says where in
-    `out` [rope, slot, parameter, particle] step t goes, -1 for nowhere.
-    """
-    for b in range(x.shape[0]):
-        n = x.shape[2]
-        rows = 6 * (n + 1)
-        for t in range(1, x.shape[1]):
-            # without inertia no step depends on the one before, and only the wanted ones are solved
-            if slot[t - 1] >= 0 or rate > 0.0:
-                m = b * (x.shape[1] - 1) + t - 1
-                for c in range(by_frame.shape[1]):
-                    for r in range(rows):
-                        y[b, c, r] = 0.0
-                    for i in range(n):
-                        strain = curvature(q[b, t, i], q[b, t, i + 1], joint_l[b, i]) - joint_rest[b, i]
-                        moment = by_joint_d[b, c, i] * strain - joint_d[b, i] * by_joint_rest[b, c, i]
-                        ga, gb = moment_to_rotations(q[b, t, i], q[b, t, i + 1], moment)
-                        for k in ti.static(range(3)):
-                            y[b, c, 6 * i + 3 + k] = y[b, c, 6 * i + 3 + k] - ga[k]
-                            y[b, c, 6 * i + 9 + k] = y[b, c, 6 * i + 9 + k] - gb[k]
-                    for k in ti.static(range(3)):
-                        for j in ti.static(range(3)):
-                            y[b, c, 9 + k] = (
-                                y[b, c, 9 + k] - saved[m, 3 + j, 6 + k - j] * by_frame[b, c, 0][j]
-                            )
-                            y[b, c, 6 * n - 3 + k] = (
-                                y[b, c, 6 * n - 3 + k]
-                                - saved[m, 6 * n - 3 + k, 6 + j - k] * by_frame[b, c, 1][j]
-                            )
-                    for p in range(n):
-                        inertia = mass[b, p] * rate * rate
-                        carried = ((1.0 + momentum) * inertia + drag[b, p] * rate) * last[b, c, p]
-                        carried += by_force[b, c, p] - momentum * inertia * last_but_one[b, c, p]
-                        for k in ti.static(range(3)):
-                            y[b, c, 6 * (p + 1) + k] = y[b, c, 6 * (p + 1) + k] + carried[k]
-                    clear_held(y, b, c, n, clamped)
-                    solve(band, m, y, b, c, rows)
-                    for p in range(n):
-                        r = 6 * (p + 1)
-                        last_but_one[b, c, p] = last[b, c, p]
-                        last[b, c, p] = vec3(y[b, c, r], y[b, c, r + 1], y[b, c, r + 2])
-                        if slot[t - 1] >= 0:
-                            out[b, slot[t - 1], c, p] = last[b, c, p]
+            advance(
+                b, t, b, t, x, q, past, slip, sliding, steps, joints, contacts, obstacles, fresh, symmetric,
+                0, past, slip,
+            )  # fmt: skip

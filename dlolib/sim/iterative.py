@@ -7,8 +7,8 @@ iterations, and so does a stiffness identified with it. What is the paper's, and
 - The end constraints join the frames of wall and grasp to the rope over a full length l, as the paper
   does, while the first and last particles are held. The rope is thus half a segment longer at each end
   than it should be: the direct solver has half a segment there.
-- Stretch-shear has alpha = 0 and `Scene.segment_k` is not read: this rope does not stretch.
-- A contact has alpha = 1 m/N, a spring of 1 N/m on each particle; `Scene.contact` is not read.
+- Stretch-shear has alpha = 0 and `Scene.segments` has only the length: this rope does not stretch.
+- A contact has alpha = 1 m/N, a spring of 1 N/m on each particle; `Scene.contacts` has only the radius.
 - M in (2): the particles' masses; a frame has four times the moment of inertia m l^2 / 12 of its segment,
   as kinetic energy in quaternions has it. Frames start each step where they were: they have no momentum.
 - An iteration takes the constraints in the paper's order, each from the rope's start to its end.
@@ -26,8 +26,9 @@ import numpy as np
 
 from dlolib.errors import ParameterError, SimulationError
 from dlolib.sim import iterative_kernels
-from dlolib.sim.rod import Scene
-from dlolib.sim.simulate import Clock, Gradient, Path, Rollout, State
+from dlolib.sim.joints import HISTORY
+from dlolib.sim.scene import LAWS, Scene, contact_points
+from dlolib.sim.simulate import Clock, Path, Rollout, State
 from dlolib.types import Floats, Rope
 
 CONTACT_ALPHA_M_N = 1.0
@@ -36,16 +37,25 @@ UNIT_MASS_KG = 1.0
 
 @dataclass(frozen=True)
 class IterativeRollout(Rollout):
-    """A `Rollout` that keeps its path: the reverse pass runs every step once more."""
-
-    path: Path
+    """A `Rollout` of this solver: the reverse pass runs every step once more."""
 
 
 @dataclass(frozen=True)
-class IterativeGradient(Gradient):
-    """`Gradient`, and q (B, n + 1, 3): by turns of the initial frames in their own axes [rad]."""
+class IterativeGradient:
+    """Derivatives of a scalar loss: by the initial state, held poses, and parameters.
 
+    x, before (B, n, 3); q (B, n + 1, 3) by turns of the initial frames in their own axes [rad]; end_x, end_q
+    (B, T, 2, 3), the latter by turns likewise; joint_d, joint_rest, force (B, n, 3) as in `Scene`.
+    """
+
+    x: Floats
+    before: Floats
     q: Floats
+    end_x: Floats
+    end_q: Floats
+    joint_d: Floats
+    joint_rest: Floats
+    force: Floats
 
 
 @dataclass(frozen=True)
@@ -109,7 +119,7 @@ def roll_out(scene: Scene, state: State, path: Path, clock: Clock, iterations: i
     """Move the held ends along the path, with a fixed number of Gauss-Seidel iterations a step.
 
     Args:
-        scene: B ropes; joint_l, segment_k and contact are read as the module says.
+        scene: B ropes; read as the module says.
         state: where they are; the frames must be unit quaternions.
         path: held poses at T steps.
         clock: its step_s is the paper's time step (0.01 s).
@@ -138,9 +148,10 @@ def roll_out(scene: Scene, state: State, path: Path, clock: Clock, iterations: i
             f"rope {rope}, step {step + 1}: the iterations diverge",
             mend="take more iterations or smaller steps, or the direct solver",
         )
-    return IterativeRollout(
-        scene, clock, state.before, x, q, np.full((ropes, steps), iterations, np.int32), path
-    )
+    past, slip = np.zeros((ropes, steps + 1, n, HISTORY)), np.zeros((ropes, steps + 1, contact_points(n), 3))
+    taken = np.full((ropes, steps), iterations, np.int32)
+    sliding = np.zeros(slip.shape[:3], np.int32)
+    return IterativeRollout(scene, clock, path, state.before, x, q, past, slip, sliding, taken)
 
 
 def gradient(rollout: Rollout, d_x: Floats, d_before: Floats | None = None) -> IterativeGradient:
@@ -152,8 +163,7 @@ def gradient(rollout: Rollout, d_x: Floats, d_before: Floats | None = None) -> I
         d_before: further derivative by the positions at the last index but one, (B, n, 3).
 
     Returns:
-        Every field of `Gradient`. The initial state is x, before and q: unlike the direct solver's, an
-        unconverged step depends on the frames that it starts from.
+        Unlike the direct solver's, an unconverged step depends on the frames that it starts from.
 
     Raises:
         ParameterError: the roll-out is another solver's.
@@ -207,6 +217,11 @@ def _step_s(clock: Clock) -> float:
 
 def _discretise(scene: Scene, clock: Clock) -> Discrete:
     step_s = _step_s(clock)
+    if scene.joints[..., LAWS:].any() or not scene.symmetric or scene.grips.any():
+        raise ParameterError(
+            "the iterative solver knows no law of bending, no friction and no clamp that gives way",
+            mend="take the direct solver for these effects",
+        )
     clamped = scene.clamped.astype(bool)
     # implicit drag makes a particle heavier and holds it where it was
     heavy = scene.mass + scene.drag * step_s
@@ -224,11 +239,11 @@ def _discretise(scene: Scene, clock: Clock) -> Discrete:
         clamped=scene.clamped,
         stiffness=4 * step_s**2 * scene.joint_d / lengths,
         rest=rest,
-        segment_l=scene.segment_l,
+        segment_l=np.ascontiguousarray(scene.segment_l),
         weight_x=weight_x,
         weight_q=weight_q,
         obstacles=scene.obstacles,
-        radius=scene.radius,
+        radius=np.ascontiguousarray(scene.contacts[:, :1, 1]),
         contact=CONTACT_ALPHA_M_N / step_s**2,
     )
 

@@ -8,24 +8,18 @@ batch.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from dlolib.formats import interpolate_motion
-from dlolib.sim.recording import (
-    Prediction,
-    RecordingModel,
-    directions,
-    held_path,
-    largest_step,
-    point_weights,
-    roll_share,
-)
-from dlolib.sim.rod import Rod, Scene, scene
-from dlolib.sim.simulate import Directions, Path, Rollout, State, sensitivities
+from dlolib.sim.effects.base import Setup
+from dlolib.sim.observe import point_weights, seen, turned, viewing_axis
+from dlolib.sim.recording import Prediction, RecordingModel, held_path, largest_step, varied
+from dlolib.sim.rod import Rod, scene_of, setup
+from dlolib.sim.simulate import Case, Path, Rollout, State, Variation, sensitivities
 from dlolib.sim.start import frames_along, settle
 from dlolib.types import Floats, Ints, Motion, Pose, Recording
 
@@ -43,9 +37,13 @@ class PosesModel:
         return np.unique(self.recording.points.frame, return_inverse=True)[1].astype(np.int64)
 
     @cached_property
+    def _times(self) -> Floats:
+        """When each frame was seen [s]."""
+        return self.recording.points.t_s[np.unique(self._which, return_index=True)[1]]
+
+    @cached_property
     def _motion(self) -> Motion:
-        first = np.unique(self._which, return_index=True)[1]
-        return interpolate_motion(self.recording.motion, self.recording.points.t_s[first])
+        return interpolate_motion(self.recording.motion, self._times)
 
     @cached_property
     def _weights(self) -> Floats:
@@ -55,37 +53,42 @@ class PosesModel:
     def _start(self) -> State:
         return self._observed(len(self._motion.t_s))
 
+    def setup(self, rod: Rod) -> Setup:
+        """The rod in the recording's surroundings."""
+        rec = self.recording
+        return setup(rod, rec.gravity_m_s2, rec.ends, rec.obstacles)
+
     def roll_out(self, rod: Rod) -> Rollout:
         """Every pose's equilibrium: one rope a frame, index 1 is the settled shape."""
-        path = self._path(rod)
-        start = self._start
-        return settle(self._scene(rod), start, path)
+        case = self._case(self.setup(rod))
+        return settle(case.scene, self._start, case.path)
 
     def predict(self, rod: Rod, parameters: Sequence[str] = ()) -> Prediction:
         """Simulate the recording's points and, by forward sensitivities, their derivatives."""
         rollout = self.roll_out(rod)
-        weights = self._weights
-        which = self._which
+        weights, which, axis = self._weights, self._which, viewing_axis(self.recording)
+        camera = self.setup(rod).camera
         xyz = np.einsum("pn,pnk->pk", weights, rollout.x[which, 1])
         if not parameters:
-            return Prediction(xyz, np.zeros((*xyz.shape, 0)))
-        one = directions(rod, rollout.scene, parameters)
-        frames = len(rollout.x)
-        every = Directions(
-            *(np.repeat(getattr(one, name), frames, axis=0) for name in one.__dataclass_fields__)
-        )
-        out = sensitivities(rollout, every, np.array([1]))[:, 0]
-        return Prediction(xyz, np.einsum("pn,pmnk->pkm", weights, out[which]))
+            return Prediction(seen(xyz, camera, axis), np.zeros((*xyz.shape, 0)))
+        pairs = [varied(rod, name) for name in parameters]
+        sides = [(self.setup(ahead), self.setup(behind), width) for ahead, behind, width in pairs]
+        ways = [Variation(self._case(one), self._case(other), width) for one, other, width in sides]
+        out = sensitivities(rollout, ways, np.array([1]))[0][:, 0]
+        moved = turned(np.einsum("pn,pmnk->pmk", weights, out[which]), camera)
+        looked = [(seen(xyz, a.camera, axis) - seen(xyz, b.camera, axis)) / width for a, b, width in sides]
+        return Prediction(seen(xyz, camera, axis), np.moveaxis(moved, 1, 2) + np.stack(looked, axis=2))
 
-    def _scene(self, rod: Rod) -> Scene:
-        rec = self.recording
-        frames = len(self._motion.t_s)
-        made = scene([rod] * frames, rec.gravity_m_s2, rec.ends, rec.obstacles)
-        return replace(made, joint_d=made.joint_d * roll_share(rec.ends, rod.particles))
-
-    def _path(self, rod: Rod) -> Path:
-        path = held_path(self._motion, rod.end_turns)
-        return Path(path.x.transpose(1, 0, 2, 3), path.q.transpose(1, 0, 2, 3))
+    def _case(self, made: Setup) -> Case:
+        """All frames as a batch of ropes that take one step each."""
+        motion = self._motion
+        if made.delay_s:
+            motion = interpolate_motion(self.recording.motion, self._times - made.delay_s)
+        path = held_path(motion, made)
+        gone = made.slip.gone(self._times) / self.recording.rope.length_m
+        span = np.repeat(1.0 - gone[:, None], 2, axis=1)
+        x, q = (part.transpose(1, 0, 2, 3) for part in (path.x, path.q))
+        return Case(scene_of([made] * len(self._times)), Path(x, q, span=span))
 
     def _observed(self, frames: int) -> State:
         """For each frame a smooth curve through the held ends and the observed points, as a first shape."""

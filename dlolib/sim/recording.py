@@ -7,49 +7,31 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation
 
 from dlolib.errors import ParameterError
 from dlolib.formats import interpolate_motion
 from dlolib.sim import iterative
-from dlolib.sim.rod import Rod, Scene, scene
-from dlolib.sim.simulate import Clock, Directions, Path, Rollout, State, roll_out, sensitivities
+from dlolib.sim.effects import parameter
+from dlolib.sim.effects.base import Setup
+from dlolib.sim.observe import point_weights, seen, turned, viewing_axis
+from dlolib.sim.rod import STIFFNESSES, Rod, scene_of, setup
+from dlolib.sim.simulate import (
+    Case,
+    Clock,
+    Path,
+    Rollout,
+    Variation,
+    roll_out,
+    sensitivities,
+)
 from dlolib.sim.start import first_shape, settle
-from dlolib.types import Ends, Floats, Motion, Points, Pose, Recording
+from dlolib.types import Floats, Motion, Pose, Recording
 
 # Between two quasi-static steps an end moves and turns at most this much, so that the rope follows its
-# branch where several equilibria exist.
+# branch where several equilibria exist; a rope that remembers its way takes shorter ones.
 LARGEST_MOVE_M, LARGEST_TURN_RAD = 0.01, 0.1
-# Where a clamp's roll was not measured it carries this share of the torsional stiffness.
-FREE_ROLL = 1e-6
-
-UNITS = {
-    "bending_stiffness": "N m^2",
-    "torsional_stiffness": "N m^2",
-    "end_angle.start_1": "rad",
-    "end_angle.start_2": "rad",
-    "end_angle.end_1": "rad",
-    "end_angle.end_2": "rad",
-    "rest_curvature.kappa_1": "1/m",
-    "rest_curvature.kappa_2": "1/m",
-}
-
-
-def with_parameter(rod: Rod, name: str, value: float) -> Rod:
-    """A copy of the rod with one of the parameters of `UNITS` changed."""
-    group, _, part = name.partition(".")
-    if name in ("bending_stiffness", "torsional_stiffness"):
-        return rod.with_values(**{name: float(value)})
-    if group == "end_angle" and name in UNITS:
-        turns = list(rod.end_turns)
-        turns[("start_1", "start_2", "end_1", "end_2").index(part)] = float(value)
-        return rod.with_values(end_turns=tuple(turns))
-    if name in UNITS:
-        rest = list(rod.rest_curvature)
-        rest[("kappa_1", "kappa_2").index(part)] = float(value)
-        return rod.with_values(rest_curvature=tuple(rest))
-    raise ParameterError(f"unknown parameter {name}", mend=f"choose from {', '.join(UNITS)}")
+REMEMBERED = 0.4
 
 
 @dataclass(frozen=True)
@@ -78,158 +60,141 @@ class RecordingModel:
     sweeps: int | None = None
 
     @cached_property
-    def _motion(self) -> Motion:
-        """The held poses at every step."""
-        times = _step_times(self.recording, self.step_s, self._static)
-        return interpolate_motion(self.recording.motion, times)
-
-    @cached_property
     def _weights(self) -> Floats:
         return point_weights(self.recording.points, self.recording.rope.length_m, self.particles)
 
-    @cached_property
-    def _brackets(self) -> tuple[np.ndarray, np.ndarray, Floats]:
-        return _brackets(self.recording.points.t_s, self._motion.t_s)
-
-    @property
-    def _static(self) -> bool:
-        return self.recording.quasi_static and self.sweeps is None
+    def setup(self, rod: Rod) -> Setup:
+        """The rod in the recording's surroundings."""
+        rec = self.recording
+        moving = not rec.quasi_static or self.sweeps is not None
+        return setup(rod, rec.gravity_m_s2, rec.ends, rec.obstacles, moving)
 
     def roll_out(self, rod: Rod) -> Rollout:
         """The whole motion, from the equilibrium at its first pose; step k is at index k + 1."""
-        return self._moved(self.at_rest(rod), rod)
+        made = self.setup(rod)
+        return self._moved(made, self._at_rest(made))
 
     def at_rest(self, rod: Rod) -> Rollout:
         """The equilibrium at the first pose: a roll-out of one step."""
-        motion = self._motion
-        rec = self.recording
-        made = self._scene(rod)
-        path = held_path(motion, rod.end_turns)
+        return self._at_rest(self.setup(rod))
+
+    def times(self, made: Setup) -> Floats:
+        """When the rope is solved for [s]."""
+        step_s = self.step_s if made.moving else None
+        if made.moving and step_s is None:
+            raise ParameterError("a dynamic recording needs a time step", mend="give rod.time_step_s")
+        return _step_times(self.recording, step_s, REMEMBERED if made.path_dependent else 1.0)
+
+    def _at_rest(self, made: Setup) -> Rollout:
+        rec, path = self.recording, self.path(made, self.times(made)[:1])
         poses = [Pose(path.x[0, 0, k], path.q[0, 0, k]) for k in range(2)]
         state = first_shape(
             rec.rope.length_m,
-            rod.particles,
+            self.particles,
             rec.ends,
             poses[0] if rec.ends.start == "clamped" else None,
             poses[1] if rec.ends.end == "clamped" else None,
             rec.gravity_m_s2,
         )
-        return settle(made, state, path)
+        return settle(scene_of([made]), state, path)
 
-    def _moved(self, rest: Rollout, rod: Rod) -> Rollout:
-        motion = self._motion
-        path, state = held_path(motion, rod.end_turns), rest.final
-        still = State(state.x, state.x.copy(), state.q)
+    def _moved(self, made: Setup, rest: Rollout) -> Rollout:
+        path, state = self.path(made, self.times(made)), rest.final.at_rest()
         if self.sweeps is not None:
-            return iterative.roll_out(rest.scene, still, path, Clock(self.step_s), self.sweeps)
-        return roll_out(rest.scene, still, path, Clock(None if self._static else self.step_s))
+            return iterative.roll_out(rest.scene, state, path, self._clock(made), self.sweeps)
+        return roll_out(rest.scene, state, path, self._clock(made))
+
+    def _clock(self, made: Setup) -> Clock:
+        return Clock(self.step_s if made.moving else None)
+
+    def path(self, made: Setup, times: Floats) -> Path:
+        motion = interpolate_motion(self.recording.motion, times - made.delay_s)
+        dt = np.diff(times, prepend=times[:1] - (self.step_s or 0.0 if made.moving else 0.0))
+        gone = made.slip.gone(times) / self.recording.rope.length_m
+        span = 1.0 - np.concatenate([gone[:1], gone])
+        return replace(held_path(motion, made), dt_s=dt[None], span=span[None])
 
     def predict(self, rod: Rod, parameters: Sequence[str] = ()) -> Prediction:
         """Simulate the recording's points and, by forward sensitivities, their derivatives."""
-        rest = self.at_rest(rod)
-        rollout = self._moved(rest, rod)
-        before, after, share = self._brackets
-        weights = self._weights
+        made = self.setup(rod)
+        rest = self._at_rest(made)
+        rollout = self._moved(made, rest)
+        times = self.times(made)
+        before, after, share = _brackets(self.recording.points.t_s, times)
+        axis = viewing_axis(self.recording)
 
         def at_points(field: Floats, first: Floats, second: Floats) -> Floats:
             mixed = (1 - share)[:, None, None] * field[first] + share[:, None, None] * field[second]
-            return np.asarray(np.einsum("pn,pnk->pk", weights, mixed))
+            return np.asarray(np.einsum("pn,pnk->pk", self._weights, mixed))
 
-        x = rollout.x[0, 1:]
-        xyz = at_points(x, before, after)
+        xyz = at_points(rollout.x[0, 1:], before, after)
         if not parameters:
-            return Prediction(xyz, np.zeros((*xyz.shape, 0)))
+            return Prediction(seen(xyz, made.camera, axis), np.zeros((*xyz.shape, 0)))
         steps = np.unique(np.concatenate([before, after]))
-        slot = np.searchsorted(steps, np.arange(len(x)))
-        ways = directions(rod, rollout.scene, parameters)
-        initial = sensitivities(rest, ways, np.array([1]))[:, 0]
-        out = sensitivities(rollout, ways, steps + 1, initial)[0]
-        columns = [at_points(out[:, k], slot[before], slot[after]) for k in range(len(parameters))]
-        return Prediction(xyz, np.stack(columns, axis=2))
+        slot = np.searchsorted(steps, np.arange(len(times)))
+        pairs = [varied(rod, name) for name in parameters]
+        sides = [(self.setup(ahead), self.setup(behind), width) for ahead, behind, width in pairs]
+        first = [self._variation(*side, times[:1]) for side in sides]
+        _, tangent = sensitivities(rest, first, np.array([1]))
+        ways = [self._variation(*side, times) for side in sides]
+        out, _ = sensitivities(rollout, ways, steps + 1, tangent.at_rest())
+        columns = []
+        for k, (ahead, behind, width) in enumerate(sides):
+            moved = turned(at_points(out[0, :, k], slot[before], slot[after]), made.camera)
+            looked = seen(xyz, ahead.camera, axis) - seen(xyz, behind.camera, axis)
+            columns.append(moved + looked / width)
+        return Prediction(seen(xyz, made.camera, axis), np.stack(columns, axis=2))
 
-    def _scene(self, rod: Rod) -> Scene:
-        rec = self.recording
-        made = scene([rod], rec.gravity_m_s2, rec.ends, rec.obstacles)
-        return replace(made, joint_d=made.joint_d * roll_share(rec.ends, rod.particles))
+    def _variation(self, ahead: Setup, behind: Setup, width: float, times: Floats) -> Variation:
+        one, other = (Case(scene_of([s]), self.path(s, times)) for s in (ahead, behind))
+        if len(times) == 1:
+            # the equilibrium's one step is from itself
+            one, other = (Case(c.scene, replace(c.path, dt_s=None)) for c in (one, other))
+        return Variation(one, other, width)
 
 
-def roll_share(ends: Ends, n: int) -> Floats:
-    """Factors (1, n, 3) on the joints' stiffness: an unmeasured roll carries next to no twist."""
-    share = np.ones((1, n, 3))
-    share[0, 0, 2] = 1.0 if ends.start_roll_known else FREE_ROLL
-    share[0, -1, 2] = 1.0 if ends.end_roll_known else FREE_ROLL
-    return share
+def varied(rod: Rod, name: str) -> tuple[Rod, Rod, float]:
+    """The rod with a parameter a little more and a little less, and how much lies between."""
+    value = rod.value(name)
+    step = 1e-4 * value
+    if name not in STIFFNESSES:
+        step = parameter(name).difference * parameter(name).scale
+    ahead, behind = value + step, value - step
+    return rod.with_values({name: ahead}), rod.with_values({name: behind}), ahead - behind
 
 
-def held_path(motion: Motion, end_turns: Sequence[float]) -> Path:
-    """The poses of the held ends as a path (1, T, 2, ...), each frame turned by its constant angles."""
+def held_path(motion: Motion, made: Setup) -> Path:
+    """The poses of the held ends as a path (1, T, 2, ...), each frame turned and rolled as said."""
     positions = np.nan_to_num(np.stack([motion.start_m, motion.end_m], axis=1))
     frames = np.stack([motion.start_q, motion.end_q], axis=1)
     frames[np.isnan(frames).any(axis=2)] = (1.0, 0.0, 0.0, 0.0)
-    turned = frames.copy()
+    changed = frames.copy()
     for end in range(2):
-        turn = Rotation.from_rotvec([*end_turns[2 * end : 2 * end + 2], 0.0])
-        turned[:, end] = (Rotation.from_quat(frames[:, end], scalar_first=True) * turn).as_quat(
-            scalar_first=True
+        turn = Rotation.from_rotvec([*made.turns[end], 0.0]) * Rotation.from_rotvec(
+            [0.0, 0.0, made.rolls[end]]
         )
-    return Path(positions[None], turned[None])
+        if made.turns[end] != (0.0, 0.0) or made.rolls[end] != 0.0:
+            own = Rotation.from_quat(frames[:, end], scalar_first=True) * turn
+            changed[:, end] = own.as_quat(scalar_first=True)
+    return Path(positions[None], changed[None])
 
 
-def directions(rod: Rod, made: Scene, parameters: Sequence[str]) -> Directions:
-    """Each parameter as a direction in the scene's arrays."""
-    n, count = rod.particles, len(parameters)
-    joint_d, joint_rest, force = (np.zeros((1, count, n, 3)) for _ in range(3))
-    frame = np.zeros((1, count, 2, 3))
-    for k, name in enumerate(parameters):
-        part = name.partition(".")[2]
-        if name == "bending_stiffness":
-            joint_d[0, k, :, :2] = made.joint_d[0, :, :2] / rod.bending_stiffness
-        elif name == "torsional_stiffness":
-            joint_d[0, k, :, 2] = made.joint_d[0, :, 2] / rod.torsional_stiffness
-        elif name.startswith("rest_curvature."):
-            joint_rest[0, k, :, int(part[-1]) - 1] = 1.0
-        elif name.startswith("end_angle."):
-            end = 0 if part.startswith("start") else 1
-            turn = np.array([*rod.end_turns[2 * end : 2 * end + 2], 0.0])
-            frame[0, k, end] = _right_jacobian(turn)[:, int(part[-1]) - 1]
-        else:
-            raise ParameterError(f"unknown parameter {name}", mend=f"choose from {', '.join(UNITS)}")
-    return Directions(joint_d, joint_rest, force, frame)
+def _step_times(recording: Recording, step_s: float | None, share: float) -> Floats:
+    """When to solve: every dt, or without one at the frames, the rows and as many between.
 
-
-def _right_jacobian(a: Floats) -> Floats:
-    """d exp(a) in the turned frame's own axes, by a (Sola, Deray, Atchuthan 2018, equation 143)."""
-    angle = float(np.linalg.norm(a))
-    skew = np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
-    if angle < 1e-6:
-        return np.asarray(np.eye(3) - skew / 2)
-    left = (1 - np.cos(angle)) / angle**2
-    right = (angle - np.sin(angle)) / angle**3
-    return np.asarray(np.eye(3) - left * skew + right * skew @ skew)
-
-
-def point_weights(points: Points, length_m: float, particles: int) -> Floats:
-    """Cubic spline through the particles, as weights (P, n) that give each point at its arc length."""
-    nodes = np.linspace(0, length_m, particles)
-    spline = make_interp_spline(nodes, np.eye(particles), k=3)
-    return np.asarray(spline(np.clip(points.s_m, 0, length_m)))
-
-
-def _step_times(recording: Recording, step_s: float | None, static: bool) -> Floats:
-    """When to solve: every dt, or without one at the frames, the rows and as many between."""
+    `share`: of the largest step that the ends may take.
+    """
     rows, frames = recording.motion.t_s, np.unique(recording.points.t_s)
-    if not static:
-        if step_s is None:
-            raise ParameterError("a dynamic recording needs a time step", mend="give rod.time_step_s")
+    if step_s is not None:
         last = max(frames[-1], rows[0] + step_s)
         return np.asarray(rows[0] + step_s * np.arange(np.ceil((last - rows[0]) / step_s - 1e-9) + 1))
     times = [rows[:1], frames]
     keep = rows[rows <= frames[-1]]
     poses = interpolate_motion(recording.motion, keep)
     for a in range(len(keep) - 1):
-        parts = int(np.ceil(_distance(poses, a)))
+        parts = int(np.ceil(_distance(poses, a) / share))
         times.append(np.linspace(keep[a], keep[a + 1], max(parts, 1) + 1))
-    return _thinned(np.unique(np.concatenate(times)), frames, recording.motion)
+    return _thinned(np.unique(np.concatenate(times)), frames, recording.motion, share)
 
 
 def _distance(poses: Motion, a: int) -> float:
@@ -250,7 +215,7 @@ def largest_step(motion: Motion) -> float:
     return max((_distance(motion, a) for a in range(len(motion.t_s) - 1)), default=0.0)
 
 
-def _thinned(times: Floats, frames: Floats, motion: Motion) -> Floats:
+def _thinned(times: Floats, frames: Floats, motion: Motion, share: float) -> Floats:
     """Leave out steps between frames that move the ends less than the largest step."""
     poses = interpolate_motion(motion, times)
     wanted = np.isin(times, frames)
@@ -258,7 +223,7 @@ def _thinned(times: Floats, frames: Floats, motion: Motion) -> Floats:
     travelled = 0.0
     for a in range(len(times) - 1):
         ahead = _distance(poses, a)
-        if travelled + ahead > 1.0 and kept[-1] != a:
+        if travelled + ahead > share and kept[-1] != a:
             kept.append(a)
             travelled = 0.0
         travelled += ahead

@@ -1,20 +1,26 @@
-"""The rod as its user sees it, and as the kernels do: physical parameters, discretised."""
+"""The rod as its user sees it, and its discretisation: physical parameters, the same at any mesh."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 
 import numpy as np
 
 from dlolib.errors import ParameterError
 from dlolib.sim import shapes
+from dlolib.sim.effects import JOINT_WIDTH, applied, check, parameter
+from dlolib.sim.effects.base import Setup, particle_lengths
+from dlolib.sim.scene import DRAG, INERTIA, LENGTH, LOAD, REST, STIFFNESS, UNIFORM, Scene, contact_points
 from dlolib.types import Ends, Floats, Obstacle, Rope
 
 # An inextensible rope stretches this much under its own weight or a bend of its length, whichever is more.
 WEIGHT_STRAIN = 3e-5
 # Contact force per length of rope and depth [N/m^2], over the rod's weight per length.
-CONTACT_OVER_WEIGHT_1_M = 3e6
+CONTACT_OVER_WEIGHT_1_M = 5e7
+STIFFNESSES = {"bending_stiffness": "N m^2", "torsional_stiffness": "N m^2"}
+NOTHING: Mapping[str, float] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -25,19 +31,14 @@ class Rod:
         rope: length [m], diameter [m], linear density [kg/m] (1 where not measured), tip mass [kg].
         bending_stiffness: EI [N m^2].
         torsional_stiffness: GJ [N m^2].
-        rest_curvature: curvature at rest about the two material axes [1/m].
-        end_turns: turns of the start's and the end's frame away from the recorded ones, about their first
-            and second axis [rad]: (start_1, start_2, end_1, end_2).
-        drag: air drag, force per length and speed [N s/m^2].
+        effects: further physics, `<effect>.<parameter>` to value (see `dlolib.sim.effects`).
         particles: n, the number of particles.
     """
 
     rope: Rope
     bending_stiffness: float
     torsional_stiffness: float
-    rest_curvature: tuple[float, float] = (0.0, 0.0)
-    end_turns: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
-    drag: float = 0.0
+    effects: Mapping[str, float] = field(default_factory=lambda: NOTHING)
     particles: int = 30
 
     def __post_init__(self) -> None:
@@ -51,93 +52,132 @@ class Rod:
                 raise ParameterError(f"{name} = {value:g} is not a positive number", mend="give one above 0")
         if self.particles < 3:
             raise ParameterError(f"particles = {self.particles}", mend="a rod needs 3 or more")
+        for name, value in self.effects.items():
+            # a difference for a derivative may look a little beyond
+            check(name, value, 1e-3)
 
     @property
     def linear_density(self) -> float:
         """Mass per length [kg/m]; 1 where it was not measured (then stiffnesses are over density)."""
         return 1.0 if self.rope.linear_density_kg_m is None else self.rope.linear_density_kg_m
 
-    def with_values(self, **changes: object) -> Rod:
-        """A copy with some fields changed."""
-        return replace(self, **changes)  # type: ignore[arg-type]
+    @staticmethod
+    def of(rope: Rope, values: Mapping[str, float], particles: int = 30) -> Rod:
+        """The rod with these parameters by name; both stiffnesses must be among them."""
+        ei, gj = (float(values[name]) for name in STIFFNESSES)
+        return Rod(rope, ei, gj, {k: v for k, v in values.items() if k not in STIFFNESSES}, particles)
+
+    def with_values(self, values: Mapping[str, float]) -> Rod:
+        """A copy with parameters changed: the two stiffnesses and those of effects, by name."""
+        effects = {name: float(value) for name, value in values.items() if name not in STIFFNESSES}
+        ei = float(values.get("bending_stiffness", self.bending_stiffness))
+        gj = float(values.get("torsional_stiffness", self.torsional_stiffness))
+        return Rod(self.rope, ei, gj, {**self.effects, **effects}, self.particles)
+
+    def value(self, name: str) -> float:
+        """The parameter of that name; neutral where the rod has no such effect."""
+        if name in STIFFNESSES:
+            return float(getattr(self, name))
+        return float(self.effects.get(name, parameter(name).neutral))
+
+    def with_particles(self, particles: int) -> Rod:
+        """The same rope, discretised otherwise."""
+        return replace(self, particles=particles)
 
 
-@dataclass(frozen=True)
-class Scene:
-    """A rod among obstacles as arrays for the kernels, one row a rope (B ropes, n particles).
+def unit_of(name: str) -> str:
+    """Unit of a stiffness or of an effect's parameter.
 
-    joint_d (B, n, 3) [N m^2], joint_l (B, n) [m], joint_rest (B, n, 3) [1/m], segment_l (B, n - 1) [m],
-    segment_k (B, n - 1, 3) [N], mass (B, n) [kg], force (B, n, 3) [N], drag (B, n) [N s/m],
-    obstacles (B, K, 16), radius (B, 1) [m], contact (B, 2n - 1) [N/m], clamped (B, 2).
+    Raises:
+        ParameterError: there is no such parameter.
     """
-
-    joint_d: Floats
-    joint_l: Floats
-    joint_rest: Floats
-    segment_l: Floats
-    segment_k: Floats
-    mass: Floats
-    force: Floats
-    drag: Floats
-    obstacles: Floats
-    radius: Floats
-    contact: Floats
-    clamped: np.ndarray[tuple[int, ...], np.dtype[np.int32]]
-
-    def arrays(self) -> tuple[np.ndarray, ...]:
-        """The arrays in the order in which every kernel takes them."""
-        return tuple(getattr(self, name) for name in self.__dataclass_fields__)
+    return STIFFNESSES[name] if name in STIFFNESSES else parameter(name).unit
 
 
-def particle_lengths(length_m: float, particles: int) -> Floats:
-    """The length of rope that each particle stands for [m], shape (n,): half a segment at the ends."""
-    share = np.full(particles, length_m / (particles - 1))
-    share[[0, -1]] /= 2
-    return share
+def setup(
+    rod: Rod, gravity_m_s2: Floats, ends: Ends, obstacles: Sequence[Obstacle] = (), moving: bool = False
+) -> Setup:
+    """Discretise a rod and put its effects in.
+
+    Args:
+        rod: its physics.
+        gravity_m_s2: shape (3,).
+        ends: which are held.
+        obstacles: what it may touch.
+        moving: whether it is inert; a quasi-static rod is not, unless `inertia_drag` says so.
+    """
+    n, length = rod.particles, rod.rope.length_m
+    clamped = np.array([ends.start == "clamped", ends.end == "clamped"])
+    if not clamped.any():
+        raise ParameterError("both ends are free", mend="hold one: a free rope has no place to be")
+    gravity = np.asarray(gravity_m_s2, float)
+    share = particle_lengths(length, n)
+    weight = rod.linear_density * share
+    weight[-1] += rod.rope.tip_mass_kg
+    particles = np.zeros((n, 5))
+    particles[:, INERTIA] = weight
+    particles[:, LOAD:] = weight[:, None] * gravity
+    axial, contact = _penalties(rod, gravity)
+    segments = np.full((n - 1, 4), axial)
+    segments[:, 0] = length / (n - 1)
+    contacts = np.empty((contact_points(n), 2))
+    contacts[:, 0] = contact * particle_lengths(length, len(contacts))
+    contacts[:, 1] = rod.rope.radius_m
+    made = Setup(
+        rope=rod.rope, ends=ends, gravity_m_s2=gravity, arc_m=np.linspace(0, length, n),
+        joints=_joints(rod, ends, clamped), segments=segments, particles=particles, contacts=contacts,
+        obstacles=shapes.pack(obstacles) if obstacles else np.zeros((0, shapes.WIDTH)),
+        grips=np.zeros((2, 3)), weight=weight, moving=moving,
+    )  # fmt: skip
+    return applied(made, rod.effects)
+
+
+def _joints(rod: Rod, ends: Ends, clamped: np.ndarray) -> Floats:
+    n = rod.particles
+    joints = np.zeros((n, JOINT_WIDTH))
+    joints[:, STIFFNESS:REST] = (rod.bending_stiffness, rod.bending_stiffness, rod.torsional_stiffness)
+    joints[[0, -1], STIFFNESS:REST] *= clamped[:, None]
+    # an unmeasured roll carries next to no twist
+    joints[0, REST - 1] *= 1.0 if ends.start_roll_known else FREE_ROLL
+    joints[-1, REST - 1] *= 1.0 if ends.end_roll_known else FREE_ROLL
+    joints[:, LENGTH] = rod.rope.length_m / (n - 1)
+    joints[[0, -1], LENGTH] /= 2
+    joints[:, UNIFORM] = rod.bending_stiffness
+    return joints
+
+
+# Where a clamp's roll was not measured it carries this share of the torsional stiffness.
+FREE_ROLL = 1e-6
+
+
+def _penalties(rod: Rod, gravity: Floats) -> tuple[float, float]:
+    """Axial stiffness of an inextensible rope [N], and contact stiffness a length [N/m^2]."""
+    length, weight = rod.rope.length_m, float(np.linalg.norm(gravity))
+    load = rod.linear_density * max(weight, 9.81)
+    # in powers of ten, so that it does not vary with the stiffness that a fit moves in
+    bend = 10.0 ** np.ceil(np.log10(rod.bending_stiffness / length**2))
+    axial = (load * length + rod.rope.tip_mass_kg * weight + bend) / WEIGHT_STRAIN
+    return float(axial), load * CONTACT_OVER_WEIGHT_1_M
+
+
+def scene_of(setups: Sequence[Setup]) -> Scene:
+    """Set-ups of one number of particles and obstacles as arrays for the kernels."""
+    ends = setups[0].ends
+    clamped = np.array([[ends.start == "clamped", ends.end == "clamped"]], np.int32)
+    return Scene.stack(
+        [
+            Scene(
+                s.joints[None], s.segments[None], s.particles[None], s.contacts[None], s.obstacles[None],
+                s.grips[None], clamped, s.symmetric,
+            )
+            for s in setups
+        ]
+    )  # fmt: skip
 
 
 def scene(rods: Sequence[Rod], gravity_m_s2: Floats, ends: Ends, obstacles: Sequence[Obstacle] = ()) -> Scene:
     """Discretise rods of one number of particles under one gravity, with the same ends and obstacles."""
-    return _stack([_one(rod, gravity_m_s2, ends, obstacles) for rod in rods])
+    return scene_of([setup(rod, gravity_m_s2, ends, obstacles, moving=True) for rod in rods])
 
 
-def _one(rod: Rod, gravity: Floats, ends: Ends, obstacles: Sequence[Obstacle]) -> dict[str, np.ndarray]:
-    n, length = rod.particles, rod.rope.length_m
-    segment = length / (n - 1)
-    ei, gj = rod.bending_stiffness, rod.torsional_stiffness
-    clamped = np.array([ends.start == "clamped", ends.end == "clamped"])
-    if not clamped.any():
-        raise ParameterError("both ends are free", mend="hold one: a free rope has no place to be")
-    joint_l = np.full(n, segment)
-    joint_l[[0, -1]] /= 2
-    joint_d = np.tile([ei, ei, gj], (n, 1))
-    joint_d[[0, -1]] *= clamped[:, None]
-    share = particle_lengths(length, n)
-    mass = rod.linear_density * share
-    mass[-1] += rod.rope.tip_mass_kg
-    weight = float(np.linalg.norm(gravity))
-    load = rod.linear_density * max(weight, 9.81)
-    # in powers of ten, so that it does not vary with the stiffness that a fit moves in
-    bend = 10.0 ** np.ceil(np.log10(ei / length**2))
-    axial = (load * length + rod.rope.tip_mass_kg * weight + bend) / WEIGHT_STRAIN
-    # the particles' shares of the length, split between themselves and the segments' middles
-    contact = np.empty(2 * n - 1)
-    contact[0::2], contact[1::2] = share / 2, segment / 2
-    return {
-        "joint_d": joint_d,
-        "joint_l": joint_l,
-        "joint_rest": np.tile([*rod.rest_curvature, 0.0], (n, 1)),
-        "segment_l": np.full(n - 1, segment),
-        "segment_k": np.full((n - 1, 3), axial),
-        "mass": mass,
-        "force": mass[:, None] * np.asarray(gravity, float),
-        "drag": rod.drag * share,
-        "obstacles": shapes.pack(obstacles) if obstacles else np.zeros((0, shapes.WIDTH)),
-        "radius": np.array([rod.rope.radius_m]),
-        "contact": contact * load * CONTACT_OVER_WEIGHT_1_M,
-        "clamped": clamped.astype(np.int32),
-    }
-
-
-def _stack(scenes: Sequence[dict[str, np.ndarray]]) -> Scene:
-    return Scene(**{name: np.ascontiguousarray([one[name] for one in scenes]) for name in scenes[0]})
+__all__ = ["DRAG", "Rod", "Scene", "particle_lengths", "scene", "scene_of", "setup", "unit_of"]

@@ -8,6 +8,7 @@ os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")  # before the import: i
 os.environ.setdefault("TI_ENABLE_PYBUF", "0")  # or it complains of a standard output that is not a file
 
 import taichi as ti
+from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
 
 # Double precision, and no fast maths: an error of the compiler must not be taken for physics, and two
 # runs must agree to the byte. The offline cache makes every start after the first quick; without Taichi's own
@@ -23,8 +24,20 @@ with contextlib.redirect_stdout(io.StringIO()):  # it announces itself where a c
         log_level=ti.WARN,
     )
 
+
+def _place(context, node):
+    """Where a node of a kernel stands, for messages: the file and line, without a drawing of the source."""
+    line = node.lineno + context.lineno_offset
+    return f'File "{context.file}", line {line}, in {context.func.func.__name__}\n'
+
+
+# Half of every start went into wrapping source lines for messages of errors that are not there.
+ASTTransformerContext.get_pos_info = _place
+
+vec2 = ti.types.vector(2, ti.f64)
 vec3 = ti.types.vector(3, ti.f64)
 vec4 = ti.types.vector(4, ti.f64)
+mat2 = ti.types.matrix(2, 2, ti.f64)
 mat3 = ti.types.matrix(3, 3, ti.f64)
 
-__all__ = ["mat3", "ti", "vec3", "vec4"]
+__all__ = ["mat2", "mat3", "ti", "vec2", "vec3", "vec4"]

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dlolib.errors import SimulationError
-from dlolib.sim import direct
+from dlolib.sim import derivatives, direct
 from dlolib.sim.band import HALF
-from dlolib.sim.rod import Scene
+from dlolib.sim.effects import LAWS
+from dlolib.sim.joints import HISTORY
+from dlolib.sim.scene import LAWS as FIRST_LAW
+from dlolib.sim.scene import Scene, contact_points
 from dlolib.types import Floats
 
 TOLERANCE = 1e-8
@@ -18,83 +22,138 @@ MOST_ITERATIONS = 1000
 
 @dataclass(frozen=True)
 class State:
-    """Where B ropes are: positions (B, n, 3) [m], those one step earlier, frames (B, n + 1, 4).
+    """Where B ropes are, and what they remember.
 
-    Frames 0 and n are the wall's and the grasp's.
+    Args:
+        x: positions (B, n, 3) [m].
+        before: those one step earlier.
+        q: frames (B, n + 1, 4); frames 0 and n are the wall's and the grasp's.
+        past: histories of the laws (B, n, HISTORY); None: none yet.
+        slip: stretch of the contacts' tangential springs (B, K, 3) [m]; None: none yet.
     """
 
     x: Floats
     before: Floats
     q: Floats
+    past: Floats | None = None
+    slip: Floats | None = None
+
+    def at_rest(self) -> State:
+        """The same without velocity."""
+        return replace(self, before=self.x.copy())
 
 
 @dataclass(frozen=True)
 class Path:
     """Held poses at T steps: positions (B, T, 2, 3) [m] and frames (B, T, 2, 4) of start and end.
 
-    Entries of a free end are not read.
+    Entries of a free end are not read. dt_s (B, T): the steps' durations, where they are not the clock's.
+    span (B, T + 1): rest lengths over the scene's, from the initial state on; None: 1.
     """
 
     x: Floats
     q: Floats
+    dt_s: Floats | None = None
+    span: Floats | None = None
 
 
 @dataclass(frozen=True)
 class Clock:
-    """How time passes: `step_s` None is quasi-static; `momentum` 0 lets every step start at rest."""
+    """How time passes: `step_s` None is quasi-static; `momentum` 0 lets every step start at rest.
+
+    `fresh`: the laws see every step's rope come from being straight, at once: so a first shape is found.
+    """
 
     step_s: float | None = None
     momentum: float = 1.0
+    fresh: bool = False
 
     @property
-    def rate(self) -> float:
-        """1 / dt, 0 for quasi-static [1/s]."""
-        return 0.0 if self.step_s is None else 1.0 / self.step_s
+    def flags(self) -> tuple[int, float, int]:
+        """As the kernels take it: whether time passes, momentum, fresh."""
+        return int(self.step_s is not None), self.momentum, int(self.fresh)
 
 
 @dataclass(frozen=True)
 class Rollout:
-    """States of B ropes at indices 0 (the initial one) ... T: x (B, T + 1, n, 3), q (B, T + 1, n + 1, 4)."""
+    """States of B ropes at indices 0 (the initial one) ... T: x (B, T + 1, n, 3), q (B, T + 1, n + 1, 4),
+    past (B, T + 1, n, HISTORY), slip (B, T + 1, K, 3), sliding (B, T + 1, K)."""
 
     scene: Scene
     clock: Clock
+    path: Path
     before: Floats
     x: Floats
     q: Floats
+    past: Floats
+    slip: Floats
+    sliding: np.ndarray[tuple[int, ...], np.dtype[np.int32]]
     iterations: np.ndarray[tuple[int, ...], np.dtype[np.int32]]
 
     @property
     def final(self) -> State:
         """The state to go on from."""
         before = self.x[:, -2] if self.x.shape[1] > 1 else self.before
-        return State(self.x[:, -1].copy(), before.copy(), self.q[:, -1].copy())
+        last = (self.x[:, -1], before, self.q[:, -1], self.past[:, -1], self.slip[:, -1])
+        return State(*(part.copy() for part in last))
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene and the way it is held: what a parameter may change."""
+
+    scene: Scene
+    path: Path
+
+
+@dataclass(frozen=True)
+class Variation:
+    """A parameter as two cases a little to either side, `width` apart in the parameter."""
+
+    ahead: Case
+    behind: Case
+    width: float
+
+
+@dataclass(frozen=True)
+class Tangent:
+    """Derivatives of a state by C parameters: x and before (B, C, n, 3), turn (B, C, n + 1, 3) of the frames
+    in their own axes, past (B, C, n, HISTORY), slip (B, C, K, 3)."""
+
+    x: Floats
+    before: Floats
+    turn: Floats
+    past: Floats
+    slip: Floats
+
+    def at_rest(self) -> Tangent:
+        """The same without velocity."""
+        return replace(self, before=self.x.copy())
+
+
+@dataclass(frozen=True)
+class Cotangent:
+    """Derivatives of a scalar by a state: x and before (B, n, 3), turn (B, n + 1, 3), past, slip likewise."""
+
+    x: Floats
+    before: Floats
+    turn: Floats
+    past: Floats
+    slip: Floats
 
 
 @dataclass(frozen=True)
 class Gradient:
-    """Derivatives of a scalar loss: by initial positions and those before, held poses, and parameters.
+    """Derivatives of a scalar loss.
 
-    end_x (B, T, 2, 3); end_q (B, T, 2, 3) by turns of the held frames in their own axes [rad];
-    joint_d, joint_rest, force as in `Scene`.
+    initial: by the initial state. end_x (B, T, 2, 3): by held positions; end_q (B, T, 2, 3): by turns of the
+    held frames in their own axes [rad]. parameter (B, C): by the variations asked for.
     """
 
-    x: Floats
-    before: Floats
+    initial: Cotangent
     end_x: Floats
     end_q: Floats
-    joint_d: Floats
-    joint_rest: Floats
-    force: Floats
-
-
-@dataclass(frozen=True)
-class Directions:
-    """P parameters as directions in the scene: each (B, P, n, 3), frame (B, P, 2, 3)."""
-
-    joint_d: Floats
-    joint_rest: Floats
-    force: Floats
-    frame: Floats
+    parameter: Floats
 
 
 def roll_out(scene: Scene, state: State, path: Path, clock: Clock) -> Rollout:
@@ -104,88 +163,182 @@ def roll_out(scene: Scene, state: State, path: Path, clock: Clock) -> Rollout:
         SimulationError: a step could not be solved; names the rope, the step and why.
     """
     ropes, n = state.x.shape[:2]
-    steps = path.x.shape[1]
-    x, q = np.empty((ropes, steps + 1, n, 3)), np.empty((ropes, steps + 1, n + 1, 4))
+    count = path.x.shape[1]
+    x, q = np.empty((ropes, count + 1, n, 3)), np.empty((ropes, count + 1, n + 1, 4))
+    past, slip = np.zeros((ropes, count + 1, n, HISTORY)), np.zeros((ropes, count + 1, contact_points(n), 3))
+    sliding = np.zeros((ropes, count + 1, contact_points(n)), np.int32)
     x[:, 0], q[:, 0] = state.x, state.q
-    status, iterations = np.zeros((ropes, steps), np.int32), np.zeros((ropes, steps), np.int32)
+    if state.past is not None:
+        past[:, 0] = state.past
+    if state.slip is not None:
+        slip[:, 0] = state.slip
+    status, iterations = np.zeros((ropes, count), np.int32), np.zeros((ropes, count), np.int32)
+    before = np.ascontiguousarray(state.before)
     direct.roll_out(
-        x, q, np.ascontiguousarray(state.before), np.ascontiguousarray(path.x), np.ascontiguousarray(path.q),
-        *scene.arrays(), clock.rate, clock.momentum, TOLERANCE, MOST_ITERATIONS, *_bands(ropes, n),
-        _columns(ropes, 2, n),
-        np.empty((ropes, n, 3)), np.empty((ropes, n + 1, 4)), np.empty((ropes, n, 3)), status, iterations,
+        x, q, before, past, slip, sliding, np.ascontiguousarray(path.x), np.ascontiguousarray(path.q),
+        _steps(path, clock), *scene.arrays(), *clock.flags, int(scene.symmetric), TOLERANCE, MOST_ITERATIONS,
+        *(_band(ropes, n) for _ in range(2)), _columns(ropes, 2, n), np.zeros((ropes, 4, contact_points(n))),
+        np.empty((ropes, n, 3)), np.empty((ropes, n + 1, 4)), status, iterations,
     )  # fmt: skip
     _refuse(status)
-    return Rollout(scene, clock, state.before, x, q, iterations)
+    return Rollout(scene, clock, path, before, x, q, past, slip, sliding, iterations)
 
 
-def gradient(rollout: Rollout, d_x: Floats, d_before: Floats | None = None) -> Gradient:
-    """Adjoint of the whole roll-out for a loss whose derivative by the positions x is d_x, same shape."""
+def gradient(
+    rollout: Rollout,
+    d_x: Floats,
+    final: Cotangent | None = None,
+    variations: Sequence[Variation] = (),
+) -> Gradient:
+    """Adjoint of the whole roll-out for a loss whose derivative by the positions x is d_x, same shape.
+
+    Args:
+        rollout: what `roll_out` returned.
+        d_x: (B, T + 1, n, 3).
+        final: further derivatives by the final state (`Rollout.final`), its positions and those before too.
+        variations: parameters whose derivative is wanted, too.
+    """
     ropes, indices, n = rollout.x.shape[:3]
-    d_x = np.array(d_x, order="C")
-    before = np.zeros((ropes, n, 3)) if d_before is None else np.array(d_before, order="C")
+    d_x = np.array(d_x, dtype=float, order="C")
+    turn, past = np.zeros((ropes, n + 1, 3)), np.zeros((ropes, n, HISTORY))
+    slip, first = np.zeros((ropes, contact_points(n), 3)), np.zeros((ropes, n, 3))
+    if final is not None:
+        d_x[:, -1] += final.x
+        # the state before the last one is the last position but one
+        d_x[:, -2] += final.before
+        turn, past, slip = (np.array(part, order="C") for part in (final.turn, final.past, final.slip))
     end_x, end_q = np.zeros((ropes, indices - 1, 2, 3)), np.zeros((ropes, indices - 1, 2, 3))
-    joint_d, joint_rest, force = (np.zeros((ropes, n, 3)) for _ in range(3))
-    if d_before is not None:
-        # a loss by the state before the last one is a loss by the last position but one
-        d_x[:, -2] += before
-        before[:] = 0
-    made, clock = rollout.scene, rollout.clock
-    direct.adjoint(
-        rollout.x, rollout.q, made.joint_d, made.joint_l, made.joint_rest, made.mass, made.drag, made.clamped,
-        clock.rate, clock.momentum, *_linearised(rollout), _columns(ropes, 1, n), d_x, before, end_x, end_q,
-        joint_d, joint_rest, force,
+    parameter = np.zeros((ropes, len(variations), 1))
+    scene = rollout.scene
+    factors, memory = _linearised(rollout)
+    derivatives.adjoint(
+        rollout.x, rollout.q, np.ascontiguousarray(rollout.path.q), _steps(rollout.path, rollout.clock),
+        scene.joints, scene.particles, scene.grips, scene.clamped, *rollout.clock.flags,
+        int(scene.symmetric), *factors, _columns(ropes, 2, n), *memory, *_explicit(rollout, variations), d_x,
+        first, turn, past, slip, end_x, end_q, parameter,
     )  # fmt: skip
-    return Gradient(d_x[:, 0], before, end_x, end_q, joint_d, joint_rest, force)
+    return Gradient(Cotangent(d_x[:, 0], first, turn, past, slip), end_x, end_q, parameter[..., 0])
 
 
 def sensitivities(
     rollout: Rollout,
-    directions: Directions,
+    variations: Sequence[Variation],
     steps: np.ndarray,
-    initial: Floats | None = None,
-) -> Floats:
-    """Derivatives of the positions at some steps (1 ... T) by P parameters: (B, len(steps), P, n, 3).
+    initial: Tangent | None = None,
+) -> tuple[Floats, Tangent]:
+    """Derivatives of the positions at some steps (1 ... T) by C parameters: (B, len(steps), C, n, 3).
 
-    `initial` (B, P, n, 3) are those of an initial state at rest, where it depends on the parameters.
+    `initial` are those of the initial state, where it depends on the parameters. Returned with those of the
+    final state.
     """
     ropes, indices, n = rollout.x.shape[:3]
-    parameters = directions.frame.shape[1]
+    count = len(variations)
     slot = np.full(indices - 1, -1, np.int32)
     slot[np.asarray(steps) - 1] = np.arange(len(steps))
-    out = np.zeros((ropes, len(steps), parameters, n, 3))
-    begin = np.zeros((ropes, parameters, n, 3)) if initial is None else np.ascontiguousarray(initial)
-    made, clock = rollout.scene, rollout.clock
-    direct.sensitivities(
-        rollout.x, rollout.q, made.joint_d, made.joint_l, made.joint_rest, made.mass, made.drag, made.clamped,
-        clock.rate, clock.momentum, *_linearised(rollout), _columns(ropes, parameters, n), slot,
-        *(np.ascontiguousarray(getattr(directions, name)) for name in directions.__dataclass_fields__),
-        begin.copy(), begin.copy(), out,
+    out = np.zeros((ropes, len(steps), count, n, 3))
+    begin = initial or zero_tangent(ropes, count, n)
+    x, before, turn, past, slip = (
+        np.array(part, order="C") for part in (begin.x, begin.before, begin.turn, begin.past, begin.slip)
+    )
+    scene = rollout.scene
+    factors, memory = _linearised(rollout)
+    derivatives.sensitivities(
+        rollout.x, rollout.q, _steps(rollout.path, rollout.clock), scene.joints,
+        scene.particles, scene.grips, scene.clamped, *rollout.clock.flags, int(scene.symmetric), *factors,
+        _columns(ropes, count, n), *memory, slot, *_explicit(rollout, variations), x, before, turn,
+        np.zeros((ropes, count, n + 1, 3)), past, slip, out,
     )  # fmt: skip
-    return out
+    return out, Tangent(x, before, turn, past, slip)
 
 
-def _linearised(rollout: Rollout) -> tuple[Floats, Floats]:
-    """The Hessian of every step at its converged state, rope by rope: factored, and whole."""
+def zero_tangent(ropes: int, count: int, n: int) -> Tangent:
+    """Of a state that depends on none of the parameters."""
+    place = np.zeros((ropes, count, n, 3))
+    turn, past = np.zeros((ropes, count, n + 1, 3)), np.zeros((ropes, count, n, HISTORY))
+    return Tangent(place, place.copy(), turn, past, np.zeros((ropes, count, contact_points(n), 3)))
+
+
+def _explicit(rollout: Rollout, variations: Sequence[Variation]) -> tuple[Floats, Floats, Floats, Floats]:
+    """What each parameter does to every step at fixed states: to forces, histories, contacts, held poses."""
     ropes, indices, n = rollout.x.shape[:3]
     states = ropes * (indices - 1)
-    band, saved = _bands(states, n)
+    count = len(variations)
+    force, held = np.zeros((states, count, 6 * (n + 1))), np.zeros((ropes, indices - 1, count, 2, 6))
+    past, slip = np.zeros((states, count, n, HISTORY)), np.zeros((states, count, contact_points(n), 3))
+    for c, variation in enumerate(variations):
+        ahead, behind = (_forces(rollout, case) for case in (variation.ahead, variation.behind))
+        for target, a, b in zip((force, past, slip), ahead, behind, strict=True):
+            target[:, c] = (a - b) / variation.width
+        one, other = variation.ahead.path, variation.behind.path
+        held[:, :, c, :, :3] = (one.x - other.x) / variation.width
+        held[:, :, c, :, 3:] = _turn(other.q, one.q) / variation.width
+    return force, past, slip, np.nan_to_num(held)
+
+
+def _forces(rollout: Rollout, case: Case) -> tuple[Floats, Floats, Floats]:
+    """Minus the forces of every step of the roll-out in another case, and the histories that follow."""
+    ropes, indices, n = rollout.x.shape[:3]
+    states = ropes * (indices - 1)
+    y = np.zeros((states, 1, 6 * (n + 1)))
+    past, slip = np.zeros((states, 1, n, HISTORY)), np.zeros((states, 1, contact_points(n), 3))
+    derivatives.residuals(
+        rollout.x, rollout.q, rollout.before, rollout.past, rollout.slip, rollout.sliding,
+        np.ascontiguousarray(case.path.q),
+        _steps(case.path, rollout.clock), *case.scene.arrays(), *rollout.clock.flags,
+        int(rollout.scene.symmetric), np.zeros((1, 1, 1)), y, past, slip,
+    )  # fmt: skip
+    return y[:, 0], past[:, 0], slip[:, 0]
+
+
+def _turn(a: Floats, b: Floats) -> Floats:
+    """Rotation vector from frames a to frames b (..., 4), a little apart, in a's own axes."""
+    w, v = a[..., :1], a[..., 1:]
+    along = w * b[..., 1:] - b[..., :1] * v - np.cross(v, b[..., 1:])
+    over = np.sum(a * b, axis=-1, keepdims=True)
+    return np.asarray(2 * np.sign(over) * along)
+
+
+def _linearised(rollout: Rollout) -> tuple[list[Floats], list[Floats]]:
+    """K of every step at its converged state, rope by rope: factored (two parts) and whole (two parts); and
+    how its laws and contacts depend on the step before."""
+    ropes, indices, n = rollout.x.shape[:3]
+    states = ropes * (indices - 1)
+    factors = [_band(states, n) for _ in range(4)]
+    # room for what acts alone: untouched memory costs as much as a step
+    laws = bool(rollout.scene.joints[..., FIRST_LAW:].any())
+    bends = np.zeros((states, n, len(LAWS), 20) if laws else (1, 1, 1, 1))
+    rubs = np.zeros((1, 1, 1) if rollout.scene.symmetric else (states, contact_points(n), 19))
+    memory = [bends, rubs]
     status = np.zeros(states, np.int32)
-    x = np.ascontiguousarray(rollout.x[:, 1:]).reshape(states, 1, n, 3)
-    q = np.ascontiguousarray(rollout.q[:, 1:]).reshape(states, 1, n + 1, 4)
-    each = (np.repeat(array, indices - 1, axis=0) for array in rollout.scene.arrays())
-    direct.linearise(
-        x, q, *each, rollout.clock.rate, band, saved, _columns(states, 1, n), x[:, 0].copy(), status
+    derivatives.linearise(
+        rollout.x, rollout.q, rollout.before, rollout.past, rollout.slip, rollout.sliding,
+        np.ascontiguousarray(rollout.path.q), _steps(rollout.path, rollout.clock), *rollout.scene.arrays(),
+        *rollout.clock.flags, int(rollout.scene.symmetric), *factors, _columns(states, 1, n), *memory, status,
     )  # fmt: skip
     _refuse(status.reshape(ropes, indices - 1))
-    return band, saved
+    return factors, memory
 
 
-def _bands(ropes: int, n: int) -> tuple[Floats, Floats]:
-    return np.zeros((ropes, 6 * (n + 1) + HALF, HALF + 1)), np.zeros((ropes, 6 * (n + 1) + HALF, HALF + 1))
+def _steps(path: Path, clock: Clock) -> Floats:
+    """Duration of the step to each index and span at it, (B, T + 1, 2)."""
+    ropes, count = path.x.shape[:2]
+    steps = np.ones((ropes, count + 1, 2))
+    steps[:, :, 0] = clock.step_s or 1.0
+    if path.dt_s is not None:
+        steps[:, 1:, 0] = path.dt_s
+    if path.span is not None:
+        steps[:, :, 1] = path.span
+    return steps
 
 
-def _columns(ropes: int, columns: int, n: int) -> Floats:
-    return np.zeros((ropes, columns, 6 * (n + 1) + HALF))
+def _band(slots: int, n: int) -> Floats:
+    band = np.empty((slots, 6 * (n + 1) + HALF, HALF + 1))
+    band[:, -HALF:] = 0.0
+    return band
+
+
+def _columns(slots: int, columns: int, n: int) -> Floats:
+    return np.zeros((slots, columns, 6 * (n + 1) + HALF))
 
 
 def _refuse(status: np.ndarray) -> None:

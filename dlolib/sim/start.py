@@ -7,7 +7,7 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from dlolib.errors import SimulationError
-from dlolib.sim.rod import Scene
+from dlolib.sim.scene import Scene
 from dlolib.sim.simulate import Clock, Path, Rollout, State, roll_out
 from dlolib.types import Ends, Floats, Pose
 
@@ -17,11 +17,17 @@ SETTLING = ((30, 0.03), (10, 0.3))
 
 
 def settle(scene: Scene, state: State, ends: Path) -> Rollout:
-    """Equilibrium of B ropes whose ends stand at the path's first step, found by damped motion."""
+    """Equilibrium of B ropes whose ends stand at the path's first step, found by damped motion.
+
+    The laws see each rope come from being straight, at once.
+    """
+    span = None if ends.span is None else ends.span[:, :1]
     for steps, step_s in SETTLING:
-        still = Path(np.repeat(ends.x[:, :1], steps, axis=1), np.repeat(ends.q[:, :1], steps, axis=1))
-        state = roll_out(scene, state, still, Clock(step_s, momentum=0.0)).final
-    return roll_out(scene, state, Path(ends.x[:, :1], ends.q[:, :1]), Clock(None))
+        x, q = (np.repeat(part[:, :1], steps, axis=1) for part in (ends.x, ends.q))
+        still = Path(x, q, span=None if span is None else np.repeat(span, steps + 1, axis=1))
+        state = roll_out(scene, state, still, Clock(step_s, momentum=0.0, fresh=True)).final
+    last = Path(ends.x[:, :1], ends.q[:, :1], span=None if span is None else np.repeat(span, 2, axis=1))
+    return roll_out(scene, state, last, Clock(None, fresh=True))
 
 
 def first_shape(

@@ -63,40 +63,30 @@ def darboux(qa: vec4, qb: vec4):
 
 
 @ti.func
-def bend_twist(qa: vec4, qb: vec4, length: float, stiffness: vec3, rest: vec3):
-    """Constraint 2, equation (7): kappa = phi / l, energy l/2 (kappa - rest) . D (kappa - rest).
+def bend_twist(w: float, v: vec3, c: float, c1: float, c2: float, moment: vec3, stiffness: mat3):
+    """Constraint 2, equation (7): what the moment in a joint does to its two frames.
 
     Args:
-        qa, qb: neighbouring frames.
-        length: arc length between them [m].
-        stiffness: D = (EI1, EI2, GJ) [N m^2].
-        rest: curvatures and twist at rest [1/m].
+        w, v, c, c1, c2: what `darboux` says of the frames.
+        moment: derivative of the joint's energy by the rotation vector phi between them [N m].
+        stiffness: and the moment's by phi [N m]; not symmetric where the moment has no potential.
 
     Returns:
-        energy [J]; moment D (kappa - rest) [N m]; gradient to theta_a, theta_b; Hessian aa, ab, bb.
+        gradient to theta_a and theta_b; Hessian aa, ab, ba, bb.
     """
-    phi, w, v, c, c1, c2 = darboux(qa, qb)
-    strain = phi / length - rest
-    moment = stiffness * strain
-    energy = 0.5 * length * moment.dot(strain)
     # chain rule from phi to v: dphi = (c + c1 v v^T) dv
     dphi = c * identity() + c1 * v.outer_product(v)
     f = dphi @ moment
-    d = mat3([[stiffness[0], 0.0, 0.0], [0.0, stiffness[1], 0.0], [0.0, 0.0, stiffness[2]]]) / length
     mv = moment.dot(v)
-    curvature = c1 * (
-        v.outer_product(moment) + moment.outer_product(v) + mv * identity()
-    ) + c2 * mv * v.outer_product(v)
-    h = dphi @ d @ dphi + curvature
-    # and from v to the two rotations, to second order
+    bend = c1 * (v.outer_product(moment) + moment.outer_product(v) + mv * identity())
+    h = dphi @ stiffness @ dphi + bend + c2 * mv * v.outer_product(v)
+    # and from v to the two rotations, to second order: dv = jb theta_b - jb^T theta_a + ...
     jb = 0.5 * (w * identity() + cross_matrix(v))
-    ja = -jb.transpose()
-    fv = f.dot(v)
-    h_aa = ja.transpose() @ h @ ja - 0.25 * fv * identity()
-    h_bb = jb.transpose() @ h @ jb - 0.25 * fv * identity()
-    mixed = v.outer_product(f) + f.outer_product(v) + w * cross_matrix(f) - fv * identity()
-    h_ab = ja.transpose() @ h @ jb + 0.25 * mixed
-    return energy, moment, ja.transpose() @ f, jb.transpose() @ f, h_aa, h_ab, h_bb
+    jbt = jb.transpose()
+    own = 0.25 * f.dot(v) * identity()
+    mixed = 0.25 * (v.outer_product(f) + f.outer_product(v) + w * cross_matrix(f)) - own
+    hj, hjt = h @ jb, h @ jbt
+    return -(jb @ f), jbt @ f, jb @ hjt - own, mixed - jb @ hj, mixed.transpose() - jbt @ hjt, jbt @ hj - own
 
 
 @ti.func
@@ -116,10 +106,3 @@ def rotations_to_strain(qa: vec4, qb: vec4, ta: vec3, tb: vec3) -> vec3:
     jb = 0.5 * (w * identity() + cross_matrix(v))
     dv = jb @ tb - jb.transpose() @ ta
     return c * dv + c1 * v.dot(dv) * v
-
-
-@ti.func
-def curvature(qa: vec4, qb: vec4, length: float) -> vec3:
-    """Curvatures about the two first material axes and twist [1/m], between two frames."""
-    phi, _w, _v, _c, _c1, _c2 = darboux(qa, qb)
-    return phi / length

@@ -21,6 +21,8 @@ from dlolib.types import Estimate, Fit
 Spoil = Callable[[Path], object]
 ROOT = Path(__file__).resolve().parents[2]
 EI = ("--set", "bending_stiffness=3e-4")
+# Stands for a recording that is in order.
+GOOD = "<a recording>"
 
 
 def told(value: object) -> str:
@@ -274,12 +276,18 @@ def test_a_report_of_a_spoiled_fit(tmp_path: Path, capfd: pytest.CaptureFixture[
         (("execute", "a.csv"), "--host or --layout"),
         (("execute", "a.csv", "--host", "h", "--layout", "l"), "--host or --layout"),
         (("simulate", "a", "--quasi-static", "perhaps"), "--quasi-static"),
+        (("simulate", GOOD, *EI, "--effect", "plastic"), "unknown effect 'plastic'"),
+        (("simulate", GOOD, *EI, "--effect", "plastic_bending:limit=8"), "no parameter 'limit'"),
+        (("simulate", GOOD, *EI, "--effect", "plastic_bending:yield_curvature=x"), "'x' in a number's place"),
+        (("simulate", GOOD, *EI, "--effect", "plastic_bending:yield_curvature=-1"), "out of range"),
     ],
 )
 def test_usage(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], arguments: tuple[str, ...], says: str
 ) -> None:
-    assert says in refusal(capfd, tmp_path, *arguments)
+    recording = str(samples.recording_folder(tmp_path / "good"))
+    given = (recording if argument == GOOD else argument for argument in arguments)
+    assert says in refusal(capfd, tmp_path, *given)
 
 
 def test_an_output_that_cannot_be_written(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

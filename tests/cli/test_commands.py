@@ -67,6 +67,19 @@ def test_another_motion_can_be_given(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "motion.csv").read_bytes() == (tmp_path / "elsewhere.csv").read_bytes()
 
 
+def test_simulate_with_further_physics(tmp_path: Path) -> None:
+    recording = str(samples.recording_folder(tmp_path / "recording"))
+    plain, plastic, both = (str(tmp_path / name) for name in ("plain", "plastic", "both"))
+    stiffness = ["--set", "bending_stiffness=3e-4"]
+    effects = ["--effect", "plastic_bending:yield_curvature=1.0,hardening_ratio=0.1"]
+    assert run(["simulate", recording, *stiffness, "--out", plain]) == 0
+    assert run(["simulate", recording, *stiffness, *effects, "--out", plastic]) == 0
+    assert run(["simulate", recording, *stiffness, *effects, "--effect", "inertia_drag", "--out", both]) == 0
+    seen = [read_recording(Path(folder)).points.xyz_m for folder in (plain, plastic, both)]
+    assert np.abs(seen[1] - seen[0]).max() > 1e-3
+    assert 0 < np.abs(seen[2] - seen[1]).max() < 0.05
+
+
 def test_simulate_identify_and_simulate_again(tmp_path: Path) -> None:
     first, fitted, again = (str(tmp_path / name) for name in ("first", "fitted", "again"))
     recording = samples.recording_folder(tmp_path / "recording")

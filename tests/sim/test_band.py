@@ -1,83 +1,77 @@
-"""The banded solve against SciPy's."""
+"""The banded solve against NumPy's."""
 
 import numpy as np
 import pytest
-from scipy.linalg import solveh_banded
 
-from dlolib.sim.band import HALF, factor, row_times, solve
+from dlolib.sim.band import HALF, entry, factor, solve, solve_transposed, times_column
 from dlolib.sim.runtime import ti
 
 ROWS = 60
+scalars3 = ti.types.ndarray(dtype=ti.f64, ndim=3)
 
 
 @ti.kernel
 def solve_in_place(
-    band: ti.types.ndarray(dtype=ti.f64, ndim=3),
-    y: ti.types.ndarray(dtype=ti.f64, ndim=3),
-    rows: ti.i32,
-    definite: ti.i32,
+    upper: scalars3, lower: scalars3, y: scalars3, symmetric: ti.i32, definite: ti.i32, transposed: ti.i32
 ) -> ti.i32:
-    failed = factor(band, 0, rows, definite)
+    rows = y.shape[2] - HALF
+    failed = factor(upper, lower, 0, rows, symmetric, definite)
     if failed == 0:
-        solve(band, 0, y, 0, 0, rows)
+        if transposed == 1:
+            solve_transposed(upper, lower, 0, y, 0, 0, rows)
+        else:
+            solve(upper, lower, 0, y, 0, 0, rows)
     return failed
 
 
 @ti.kernel
-def multiply(
-    band: ti.types.ndarray(dtype=ti.f64, ndim=3),
-    y: ti.types.ndarray(dtype=ti.f64, ndim=3),
-    out: ti.types.ndarray(dtype=ti.f64, ndim=1),
-):
-    for r in range(out.shape[0]):
-        out[r] = row_times(band, 0, y, 0, 0, r)
+def multiply(upper: scalars3, lower: scalars3, y: scalars3, out: scalars3):
+    for r in range(out.shape[2]):
+        out[0, 0, r] = times_column(upper, lower, 0, y, 0, 0, r)
+        out[0, 1, r] = entry(upper, lower, 0, r, ti.max(r - 2, 0)) + entry(
+            upper, lower, 0, ti.max(r - 2, 0), r
+        )
 
 
-def random_band(seed: int, diagonal: float) -> np.ndarray:
-    """Rows A[r, r] ... A[r, r + HALF], padded as the kernels want them."""
+def banded(seed: int, diagonal: float, symmetric: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A random matrix, dense and as the two parts that the kernels want."""
     rng = np.random.default_rng(seed)
-    band = np.zeros((1, ROWS + HALF, HALF + 1))
-    band[0, :ROWS] = rng.normal(size=(ROWS, HALF + 1))
-    band[0, :ROWS, 0] += diagonal
-    for k in range(1, HALF + 1):
-        band[0, ROWS - k : ROWS, k] = 0
-    return band
-
-
-def dense(band: np.ndarray) -> np.ndarray:
-    full = np.zeros((ROWS, ROWS))
+    a = np.triu(np.tril(rng.normal(size=(ROWS, ROWS)), HALF), -HALF)
+    if symmetric:
+        a = np.triu(a) + np.triu(a, 1).T
+    a += diagonal * np.eye(ROWS)
+    upper, lower = np.zeros((1, ROWS + HALF, HALF + 1)), np.zeros((1, ROWS + HALF, HALF + 1))
     for r in range(ROWS):
         for k in range(min(HALF + 1, ROWS - r)):
-            full[r, r + k] = full[r + k, r] = band[0, r, k]
-    return full
+            upper[0, r, k], lower[0, r, k] = a[r, r + k], a[r + k, r]
+    return a, upper, lower
 
 
-def test_solves_as_scipy_does() -> None:
-    band = random_band(1, 20.0)
-    upper = np.zeros((HALF + 1, ROWS))
-    for k in range(HALF + 1):
-        upper[HALF - k, k:] = band[0, : ROWS - k, k]
-    right = np.random.default_rng(2).normal(size=ROWS)
+@pytest.mark.parametrize("symmetric", [True, False])
+@pytest.mark.parametrize("transposed", [True, False])
+def test_solves_as_numpy_does(symmetric: bool, transposed: bool) -> None:
+    a, upper, lower = banded(1, 20.0, symmetric)
+    if symmetric:
+        lower[:] = np.nan  # not read
+        lower[0, ROWS:] = 0.0
     y = np.zeros((1, 1, ROWS + HALF))
-    y[0, 0, :ROWS] = right
-    assert solve_in_place(band, y, ROWS, 1) == 0
-    assert y[0, 0, :ROWS] == pytest.approx(solveh_banded(upper, right), rel=1e-12, abs=1e-14)
+    y[0, 0, :ROWS] = right = np.random.default_rng(2).normal(size=ROWS)
+    assert solve_in_place(upper, lower, y, int(symmetric), 1, int(transposed)) == 0
+    assert y[0, 0, :ROWS] == pytest.approx(np.linalg.solve(a.T if transposed else a, right), rel=1e-12)
 
 
-def test_an_indefinite_matrix_is_refused_or_solved_as_asked() -> None:
-    band = random_band(3, 0.0)
-    assert np.linalg.eigvalsh(dense(band))[0] < 0
-    y = np.ones((1, 1, ROWS + HALF))
-    y[0, 0, ROWS:] = 0
-    assert solve_in_place(band.copy(), y.copy(), ROWS, 1) > 0
-    assert solve_in_place(band.copy(), y, ROWS, 0) == 0
-    assert dense(band) @ y[0, 0, :ROWS] == pytest.approx(np.ones(ROWS), rel=1e-6)
-
-
-def test_row_times_is_the_product() -> None:
-    band = random_band(4, 5.0)
+def test_an_indefinite_matrix_breaks_down_only_where_an_energy_is_asked_for() -> None:
+    _, upper, lower = banded(1, 0.5, True)
     y = np.zeros((1, 1, ROWS + HALF))
-    y[0, 0, :ROWS] = np.random.default_rng(5).normal(size=ROWS)
-    out = np.zeros(ROWS)
-    multiply(band, y, out)
-    assert out == pytest.approx(dense(band) @ y[0, 0, :ROWS], rel=1e-12)
+    assert solve_in_place(upper.copy(), lower.copy(), y, 1, 1, 0) > 0
+    assert solve_in_place(upper, lower, y, 1, 0, 0) == 0
+
+
+def test_products_and_entries() -> None:
+    a, upper, lower = banded(3, 1.0, False)
+    y, out = np.zeros((1, 1, ROWS + HALF)), np.zeros((1, 2, ROWS))
+    y[0, 0, :ROWS] = right = np.random.default_rng(4).normal(size=ROWS)
+    multiply(upper, lower, y, out)
+    assert out[0, 0] == pytest.approx(a.T @ right, rel=1e-12)
+    both = [a[r, max(r - 2, 0)] + a[max(r - 2, 0), r] for r in range(ROWS)]
+    assert out[0, 1] == pytest.approx(np.array(both), rel=1e-14)

@@ -5,10 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from sim.ropes import changed
 
 from dlolib.errors import ParameterError, SimulationError
 from dlolib.sim import iterative, simulate
-from dlolib.sim.rod import Rod, Scene, scene
+from dlolib.sim.rod import Rod, scene
+from dlolib.sim.scene import LENGTH, Scene
 from dlolib.sim.simulate import Clock, Path, State
 from dlolib.sim.start import first_shape, settle
 from dlolib.types import Ends, Obstacle, Pose, Rope
@@ -27,9 +29,9 @@ SPHERE = Obstacle("sphere", {"center_m": (0.05, 0.01, 0.0), "radius_m": (0.03,)}
 
 def with_full_ends(rope: Scene) -> Scene:
     """The direct solver's scene with the paper's end constraints: joined over a whole segment."""
-    joint_l = rope.joint_l.copy()
-    joint_l[:, 0], joint_l[:, -1] = rope.segment_l[:, 0], rope.segment_l[:, -1]
-    return replace(rope, joint_l=joint_l)
+    joints = rope.joints.copy()
+    joints[:, [0, -1], LENGTH] = rope.segment_l[:, [0, -1]]
+    return replace(rope, joints=joints)
 
 
 def percent(x, reference) -> float:
@@ -77,7 +79,9 @@ def wild(ends: Ends, obstacles=(), rest_curvature=(0.0, 0.0), steps=5):
     rng = np.random.default_rng(1)
     n, length = 8, 0.2
     rope = Rope("short", length, 0.008, 0.04, 0.01 if ends.end == "free" else 0.0)
-    rods = [Rod(rope, ei, 0.7 * ei, rest_curvature, drag=0.3, particles=n) for ei in (3e-4, 2e-3)]
+    effects = {"inertia_drag.drag": 0.3}
+    effects |= {f"rest_curvature.kappa_{k + 1}": kappa for k, kappa in enumerate(rest_curvature)}
+    rods = [Rod(rope, ei, 0.7 * ei, effects, n) for ei in (3e-4, 2e-3)]
     slope = np.linspace(-0.6, 0.9, n - 1)
     tangents = np.stack([np.cos(slope), 0.2 * np.sin(3 * slope), np.sin(slope)], -1)
     x = np.zeros((2, n, 3))
@@ -102,7 +106,7 @@ def turned(q, turns):
 def moved(rope: Scene, state: State, path: Path, field: str, change):
     """The roll-out's inputs with a change in what one field of the gradient is a derivative by."""
     if field in ("joint_d", "joint_rest", "force"):
-        rope = replace(rope, **{field: getattr(rope, field) + change})
+        rope = changed(rope, field, change)
     elif field == "q":
         state = replace(state, q=turned(state.q, change))
     elif field == "end_x":
@@ -164,7 +168,9 @@ def test_gradient_over_the_whole_arc(arc):
     sums = [
         (
             weights
-            * iterative.roll_out(replace(rope, joint_d=rope.joint_d * f), state, path, PAPER_CLOCK, 20).x
+            * iterative.roll_out(
+                changed(rope, "joint_d", rope.joint_d * (f - 1)), state, path, PAPER_CLOCK, 20
+            ).x
         ).sum()
         for f in (1 + 1e-5, 1 - 1e-5)
     ]
@@ -185,7 +191,8 @@ def twisted(ends: Ends, particles: int, step_s: float):
     """A short rope at rest; its grasp (with a free end its start) moves aside and rolls in 1 s."""
     free = ends.end == "free"
     rope = Rope("short", 0.2, 0.008, 0.04, 0.002 if free else 0.0)
-    rod = Rod(rope, 3e-4, 2.1e-4, (0.0, 2.0 if free else 0.0), drag=0.3, particles=particles)
+    effects = {"inertia_drag.drag": 0.3, "rest_curvature.kappa_2": 2.0 if free else 0.0}
+    rod = Rod(rope, 3e-4, 2.1e-4, effects, particles)
     arrays = with_full_ends(scene([rod], GRAVITY, ends))
     start, grasp = Pose(np.zeros(3), HELD), Pose(np.array([0.17, 0.0, -0.04]), HELD)
     first = first_shape(rope.length_m, particles, ends, start, None if free else grasp, GRAVITY)
@@ -248,7 +255,7 @@ def test_same_bytes_again_and_in_any_batch():
         iterative.gradient(both, weights).joint_d.tobytes()
         == iterative.gradient(again, weights).joint_d.tobytes()
     )
-    second = Scene(*(np.ascontiguousarray(array[1:]) for array in rope.arrays()))
+    second = Scene(*(np.ascontiguousarray(array[1:]) for array in rope.arrays()), symmetric=True)
     alone = iterative.roll_out(
         second,
         State(state.x[1:], state.before[1:], state.q[1:]),

@@ -9,7 +9,7 @@ from sim.ropes import EI, GJ, GRAVITY, LEVEL, ROPE, swing
 from dlolib.errors import ParameterError
 from dlolib.identify import IdentifySettings, identify
 from dlolib.sim.poses import PosesModel, model_of
-from dlolib.sim.recording import UNITS, RecordingModel, simulated, with_parameter
+from dlolib.sim.recording import RecordingModel, simulated
 from dlolib.sim.rod import Rod
 from dlolib.types import Ends, Motion, Points, Recording
 
@@ -27,23 +27,6 @@ def recording(quasi_static: bool = True) -> Recording:
     points = Points(frame, 1.0 + 0.93 * frame, s, np.zeros((len(s), 3)))
     made = Recording("made", ROPE, GRAVITY, Ends(), motion, points, quasi_static=quasi_static)
     return simulated(made, Rod(ROPE, EI, GJ, particles=121))
-
-
-@pytest.mark.parametrize("quasi_static", [True, False])
-def test_derivatives_of_the_points(quasi_static: bool) -> None:
-    model = RecordingModel(recording(quasi_static), 30, 0.01)
-    rod = Rod(ROPE, EI, GJ, end_turns=(0.05, -0.1, 0.02, 0.03))
-    found = model.predict(rod, list(UNITS)).by_parameter
-    for k, name in enumerate(UNITS):
-        value = getattr(rod, name, None)
-        if value is None:
-            group, part = name.split(".")
-            index = ("start_1", "start_2", "end_1", "end_2", "kappa_1", "kappa_2").index(part)
-            value = rod.end_turns[index] if group == "end_angle" else rod.rest_curvature[index - 4]
-        h = 1e-4 * EI if "stiffness" in name else 1e-5
-        ahead, behind = (model.predict(with_parameter(rod, name, value + d)).xyz_m for d in (h, -h))
-        by = (ahead - behind) / (2 * h)
-        assert np.abs(found[:, :, k] - by).max() < 1e-5 * np.abs(by).max() + 1e-9, name
 
 
 def test_planted_stiffnesses_are_found() -> None:

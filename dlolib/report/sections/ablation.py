@@ -51,7 +51,8 @@ def _words(name: str, table: pd.DataFrame) -> str:
             )
     return (
         f"The same network learned {title(name)} again from other initial weights, with the plain squared "
-        f"error of the paper's Fig. 11 and with the contact term. By loss: {'; '.join(texts)}."
+        f"error of the paper's Fig. 11 and with the contact term. By loss: {'; '.join(texts)}. These "
+        "weights are bare; the motions above were learned from a first arc beside AB (learn.first_arc)."
     )
 
 

@@ -1,0 +1,532 @@
+"""Derivatives of a roll-out, by the implicit function theorem: one banded solve a step.
+
+With r the step's forces, u its state and h the histories of laws and contacts, a step is r(u, u', h', p) = 0
+and h = G(u, u', h', p); primes mark the step before. Then
+
+    K du = -(dr/du' du' + dr/dh' dh' + dr/dp),   K = dr/du
+
+forwards in time (`sensitivities`, for a handful of parameters p and many residuals), and the transpose of
+all this backwards (`adjoint`, for one loss and any number of inputs). What a parameter does, dr/dp and dG/dp
+at fixed u, u' and h', comes from `residuals` of two scenes, a little to either side: an explicit function,
+smooth on the branches that the step took, whose differences are right to some eight digits.
+"""
+
+from dlolib.sim.assembly import (
+    ENDS,
+    advance,
+    assemble,
+    bent_before,
+    clear_held,
+    flags1,
+    flags2,
+    flags3,
+    frames3,
+    hold_ends,
+    is_held,
+    joint_lengths,
+    row_of,
+    sample,
+    scalars3,
+    scalars4,
+    vectors2,
+    vectors3,
+    vectors4,
+)
+from dlolib.sim.band import HALF, entry, factor, solve, solve_transposed, times_column
+from dlolib.sim.contact import friction
+from dlolib.sim.direct import NOT_FINITE
+from dlolib.sim.effects import LAWS
+from dlolib.sim.joints import HISTORY, curvature, law_derivatives, laws_act
+from dlolib.sim.runtime import mat2, mat3, ti, vec2, vec3, vec4
+from dlolib.sim.scene import DRAG, INERTIA, SAMPLES
+from dlolib.sim.scene import LAWS as FIRST
+from dlolib.sim.strain import bend_twist, darboux, moment_to_rotations, rotations_to_strain
+
+scalars5 = ti.types.ndarray(dtype=ti.f64, ndim=5)
+
+
+@ti.func
+def copy_band(source: ti.template(), target: ti.template(), b: int, rows: int):
+    for r in range(rows):
+        for k in ti.static(range(HALF + 1)):
+            target[b, r, k] = source[b, r, k]
+
+
+@ti.kernel
+def linearise(
+    x: vectors3,
+    q: frames3,
+    first: vectors2,
+    past: scalars4,
+    slip: vectors3,
+    sliding: flags3,
+    end_q: frames3,
+    steps: scalars3,
+    joints: scalars3,
+    segments: scalars3,
+    particles: scalars3,
+    contacts: scalars3,
+    obstacles: scalars3,
+    grips: scalars3,
+    clamped: flags2,
+    moving: ti.i32,
+    momentum: ti.f64,
+    fresh: ti.i32,
+    symmetric: ti.i32,
+    upper: scalars3,
+    lower: scalars3,
+    whole_upper: scalars3,
+    whole_lower: scalars3,
+    y: scalars3,
+    bends: scalars4,
+    rubs: scalars3,
+    status: flags1,
+):
+    """K of every converged step, slot b T + t - 1: whole, and factored without what is prescribed.
+
+    Beside it how the laws of every joint and the friction of every contact point depend on the step before:
+    bends (S, n, laws, 20), five 2 x 2 matrices as `law_derivatives` returns them; rubs (S, K, 19), the
+    spring's stiffness and two 3 x 3 matrices as `friction` does.
+    """
+    for m in range(upper.shape[0]):
+        n = x.shape[2]
+        count = x.shape[1] - 1
+        b, t = m // count, m % count + 1
+        # both parts are wanted of a symmetric K too
+        assemble(
+            b, t, m, x, q, first, past, slip, sliding, end_q, steps, joints, segments, particles, contacts,
+            obstacles, grips, clamped, moving, momentum, fresh, 0, 1, 0, upper, upper, lower, y, True,
+        )  # fmt: skip
+        copy_band(upper, whole_upper, m, 6 * (n + 1))
+        copy_band(lower, whole_lower, m, 6 * (n + 1))
+        hold_ends(upper, lower, m, n, b, grips, clamped)
+        if factor(upper, lower, m, 6 * (n + 1), symmetric, 0) > 0:
+            status[m] = NOT_FINITE
+        dt = steps[b, t, 0] * (1 - fresh)
+        for i in range(n):
+            if laws_act(joints, b, i):
+                now_l, before_l = joint_lengths(joints, steps, b, t, i)
+                kappa = curvature(q, b, t, i, now_l)
+                before = bent_before(q, b, t, i, before_l, fresh)
+                for k in ti.static(range(len(LAWS))):
+                    if joints[b, i, FIRST + 2 * k] != 0.0:
+                        blocks = law_derivatives(k, joints, past, b, t - 1, i, kappa, before, dt)
+                        for part in ti.static(range(5)):
+                            for r in ti.static(range(2)):
+                                for c in ti.static(range(2)):
+                                    bends[m, i, k, 4 * part + 2 * r + c] = blocks[part][r, c]
+        if symmetric == 0 and fresh == 0:
+            for p in range(n):
+                for j in range(SAMPLES):
+                    if j == 0 or p + 1 < n:
+                        k = SAMPLES * p + j
+                        _e, hold, _s, by_p, by_past, _on = friction(
+                            sample(x, b, t, p, j), sample(x, b, t - 1, p, j), slip[b, t - 1, k],
+                            contacts[b, k, 1], contacts[b, k, 0], obstacles, b, sliding[b, t, k], vec4(-1.0),
+                        )  # fmt: skip
+                        rubs[m, k, 0] = hold
+                        for r in ti.static(range(3)):
+                            for c in ti.static(range(3)):
+                                rubs[m, k, 1 + 3 * r + c] = by_p[r, c]
+                                rubs[m, k, 10 + 3 * r + c] = by_past[r, c]
+
+
+@ti.kernel
+def residuals(
+    x: vectors3,
+    q: frames3,
+    first: vectors2,
+    past: scalars4,
+    slip: vectors3,
+    sliding: flags3,
+    end_q: frames3,
+    steps: scalars3,
+    joints: scalars3,
+    segments: scalars3,
+    particles: scalars3,
+    contacts: scalars3,
+    obstacles: scalars3,
+    grips: scalars3,
+    clamped: flags2,
+    moving: ti.i32,
+    momentum: ti.f64,
+    fresh: ti.i32,
+    symmetric: ti.i32,
+    unused: scalars3,
+    y: scalars3,
+    out_past: scalars4,
+    out_slip: vectors3,
+):
+    """Minus the forces of every step, slot b T + t - 1, and the histories that follow it, at fixed states."""
+    for m in range(y.shape[0]):
+        count = x.shape[1] - 1
+        b, t = m // count, m % count + 1
+        assemble(
+            b, t, m, x, q, first, past, slip, sliding, end_q, steps, joints, segments, particles, contacts,
+            obstacles, grips, clamped, moving, momentum, fresh, symmetric, 1, 0, unused,
+            unused, unused, y, False,
+        )  # fmt: skip
+        advance(
+            b, t, m, 0, x, q, past, slip, sliding, steps, joints, contacts, obstacles, fresh, symmetric, 1,
+            out_past, out_slip,
+        )  # fmt: skip
+
+
+@ti.func
+def of_end(k: int, by_held: ti.template(), b: int, t: int, c: int) -> vec3:
+    """How the k-th of what may be prescribed moves with parameter c at index t."""
+    found = vec3(0.0)
+    if k > 0:
+        end, first = (k - 1) % 2, 0
+        if k < 3:
+            first = 3
+        for j in ti.static(range(3)):
+            found[j] = by_held[b, t - 1, c, end, first + j]
+    return found
+
+
+@ti.func
+def block2(bends: ti.template(), m: int, i: int, k: int, part: ti.template()) -> mat2:
+    """One of a law's five matrices: of the moment by curvature before and history, of the history by all."""
+    o = 4 * part
+    return mat2(
+        [
+            [bends[m, i, k, o], bends[m, i, k, o + 1]],
+            [bends[m, i, k, o + 2], bends[m, i, k, o + 3]],
+        ]
+    )
+
+
+@ti.func
+def block3(rubs: ti.template(), m: int, k: int, o: ti.template()) -> mat3:
+    """One of a contact's two matrices: of the stretch by the point (at 1), by the stretch before (at 10)."""
+    found = mat3(0.0)
+    for r in ti.static(range(3)):
+        for c in ti.static(range(3)):
+            found[r, c] = rubs[m, k, o + 3 * r + c]
+    return found
+
+
+@ti.func
+def spread(y: ti.template(), b: int, c: int, p: int, j: int, force: vec3):
+    """Add a force on contact point j after particle p to the unknowns that carry it."""
+    there = j / float(SAMPLES)
+    for k in ti.static(range(3)):
+        y[b, c, 6 * (p + 1) + k] += (1.0 - there) * force[k]
+        if j > 0:
+            y[b, c, 6 * (p + 2) + k] += there * force[k]
+
+
+@ti.func
+def gathered(y: ti.template(), b: int, c: int, p: int, j: int) -> vec3:
+    """How contact point j after particle p moves with the unknowns in y."""
+    r = 6 * (p + 1)
+    there = j / float(SAMPLES)
+    moved = vec3(y[b, c, r], y[b, c, r + 1], y[b, c, r + 2])
+    if j > 0:
+        moved = (1.0 - there) * moved + there * vec3(y[b, c, r + 6], y[b, c, r + 7], y[b, c, r + 8])
+    return moved
+
+
+@ti.func
+def turned(turn: ti.template(), q: ti.template(), b: int, c: int, t: int, i: int, length: float) -> vec2:
+    """Change of joint i's two curvatures [1/m] at index t, from turns [b, c, frame] of its frames."""
+    d = rotations_to_strain(q[b, t, i], q[b, t, i + 1], turn[b, c, i], turn[b, c, i + 1]) / length
+    return vec2(d[0], d[1])
+
+
+@ti.kernel
+def sensitivities(
+    x: vectors3,
+    q: frames3,
+    steps: scalars3,
+    joints: scalars3,
+    particles: scalars3,
+    grips: scalars3,
+    clamped: flags2,
+    moving: ti.i32,
+    momentum: ti.f64,
+    fresh: ti.i32,
+    symmetric: ti.i32,
+    upper: scalars3,
+    lower: scalars3,
+    whole_upper: scalars3,
+    whole_lower: scalars3,
+    y: scalars3,
+    bends: scalars4,
+    rubs: scalars3,
+    slot: flags1,
+    by_force: scalars3,
+    by_past: scalars4,
+    by_slip: vectors3,
+    by_held: scalars5,
+    last: vectors3,
+    last_but_one: vectors3,
+    turn: vectors3,
+    next_turn: vectors3,
+    d_past: scalars4,
+    d_slip: vectors3,
+    out: vectors4,
+):
+    """Forward pass beside `roll_out`: derivatives of the positions by a handful of parameters c.
+
+    by_force (S, C, rows), by_past (S, C, n, HISTORY), by_slip (S, C, K): what the parameters do to each
+    step at fixed states; by_held (B, T, C, 2, 6): to the held positions and frames. last, last_but_one, turn,
+    d_past, d_slip: derivatives of the initial state, on exit of the last. `slot[t - 1]` says where in `out`
+    (B, slot, C, n) step t goes, -1 for nowhere.
+    """
+    for b in range(x.shape[0]):
+        n = x.shape[2]
+        rows = 6 * (n + 1)
+        for t in range(1, x.shape[1]):
+            m = b * (x.shape[1] - 1) + t - 1
+            for c in range(last.shape[1]):
+                for r in range(rows):
+                    y[b, c, r] = by_force[m, c, r]
+                if moving == 1:
+                    rate = 1.0 / steps[b, t, 0]
+                    ratio = 1.0 if t == 1 else steps[b, t, 0] / steps[b, ti.max(t - 1, 1), 0]
+                    for p in range(n):
+                        inertia, drag = particles[b, p, INERTIA] * rate * rate, particles[b, p, DRAG] * rate
+                        moved = last[b, c, p] - last_but_one[b, c, p]
+                        pull = (inertia + drag) * last[b, c, p] + inertia * momentum * ratio * moved
+                        for k in ti.static(range(3)):
+                            y[b, c, 6 * (p + 1) + k] += pull[k]
+                for i in range(n):
+                    if laws_act(joints, b, i):
+                        _now_l, before_l = joint_lengths(joints, steps, b, t, i)
+                        bent = vec2(0.0)
+                        if fresh == 0:
+                            bent = turned(turn, q, b, c, t - 1, i, before_l)
+                        moment = vec3(0.0)
+                        for k in range(bends.shape[2]):
+                            h = vec2(d_past[b, c, i, 3 * k], d_past[b, c, i, 3 * k + 1])
+                            change = block2(bends, m, i, k, 0) @ bent + block2(bends, m, i, k, 1) @ h
+                            moment += vec3(change[0], change[1], 0.0)
+                        ga, gb = moment_to_rotations(q[b, t, i], q[b, t, i + 1], moment)
+                        for k in ti.static(range(3)):
+                            y[b, c, 6 * i + 3 + k] -= ga[k]
+                            y[b, c, 6 * i + 9 + k] -= gb[k]
+                if symmetric == 0 and fresh == 0:
+                    for p in range(n):
+                        for j in range(SAMPLES):
+                            k = SAMPLES * p + j
+                            if (j == 0 or p + 1 < n) and rubs[m, k, 0] > 0.0:
+                                moved = sample(last, b, c, p, j) - d_slip[b, c, k]
+                                spread(y, b, c, p, j, rubs[m, k, 0] * (block3(rubs, m, k, 10) @ moved))
+                for k in range(ENDS):
+                    row = row_of(k, n)
+                    if is_held(k, b, grips, clamped):
+                        moved = of_end(k, by_held, b, t, c)
+                        if moved.norm() > 0.0:
+                            for r in range(ti.max(row - HALF, 0), ti.min(row + HALF + 3, rows)):
+                                for j in ti.static(range(3)):
+                                    if ti.abs(row + j - r) <= HALF:
+                                        y[b, c, r] -= (
+                                            entry(whole_upper, whole_lower, m, r, row + j) * moved[j]
+                                        )
+                clear_held(y, b, c, n, b, grips, clamped)
+                solve(upper, lower, m, y, b, c, rows)
+                for k in range(ENDS):
+                    row = row_of(k, n)
+                    if is_held(k, b, grips, clamped):
+                        moved = of_end(k, by_held, b, t, c)
+                        for j in ti.static(range(3)):
+                            y[b, c, row + j] = moved[j]
+                for i in range(n + 1):
+                    next_turn[b, c, i] = vec3(y[b, c, 6 * i + 3], y[b, c, 6 * i + 4], y[b, c, 6 * i + 5])
+                for i in range(n):
+                    if laws_act(joints, b, i):
+                        now_l, before_l = joint_lengths(joints, steps, b, t, i)
+                        bent = vec2(0.0)
+                        if fresh == 0:
+                            bent = turned(turn, q, b, c, t - 1, i, before_l)
+                        bent_now = turned(next_turn, q, b, c, t, i, now_l)
+                        for k in range(bends.shape[2]):
+                            h = vec2(d_past[b, c, i, 3 * k], d_past[b, c, i, 3 * k + 1])
+                            h = block2(bends, m, i, k, 4) @ h
+                            h += block2(bends, m, i, k, 2) @ bent_now + block2(bends, m, i, k, 3) @ bent
+                            for j in ti.static(range(2)):
+                                d_past[b, c, i, 3 * k + j] = h[j] + by_past[m, c, i, 3 * k + j]
+                if symmetric == 0 and fresh == 0:
+                    for p in range(n):
+                        for j in range(SAMPLES):
+                            if j == 0 or p + 1 < n:
+                                k = SAMPLES * p + j
+                                held = d_slip[b, c, k] - sample(last, b, c, p, j)
+                                held = block3(rubs, m, k, 10) @ held
+                                held += block3(rubs, m, k, 1) @ gathered(y, b, c, p, j)
+                                d_slip[b, c, k] = held + by_slip[m, c, k]
+                for i in range(n + 1):
+                    turn[b, c, i] = next_turn[b, c, i]
+                for p in range(n):
+                    r = 6 * (p + 1)
+                    last_but_one[b, c, p] = last[b, c, p]
+                    last[b, c, p] = vec3(y[b, c, r], y[b, c, r + 1], y[b, c, r + 2])
+                    if slot[t - 1] >= 0:
+                        out[b, slot[t - 1], c, p] = last[b, c, p]
+
+
+@ti.kernel
+def adjoint(
+    x: vectors3,
+    q: frames3,
+    end_q: frames3,
+    steps: scalars3,
+    joints: scalars3,
+    particles: scalars3,
+    grips: scalars3,
+    clamped: flags2,
+    moving: ti.i32,
+    momentum: ti.f64,
+    fresh: ti.i32,
+    symmetric: ti.i32,
+    upper: scalars3,
+    lower: scalars3,
+    whole_upper: scalars3,
+    whole_lower: scalars3,
+    y: scalars3,
+    bends: scalars4,
+    rubs: scalars3,
+    by_force: scalars3,
+    by_past: scalars4,
+    by_slip: vectors3,
+    by_held: scalars5,
+    d_x: vectors3,
+    d_first: vectors2,
+    turn: vectors2,
+    d_past: scalars3,
+    d_slip: vectors2,
+    d_end_x: vectors3,
+    d_end_q: vectors3,
+    d_parameter: scalars3,
+):
+    """Reverse pass of `roll_out`.
+
+    On entry d_x (B, T + 1, n) holds the loss's derivative by every position, and turn (B, n + 1), d_past,
+    d_slip those by the last state's frames and histories; on exit d_x's first index and the others those by
+    the initial state (d_first: by the positions before it). d_end_x, d_end_q and d_parameter (B, C, 1) are
+    added to.
+    """
+    for b in range(x.shape[0]):
+        n = x.shape[2]
+        rows = 6 * (n + 1)
+        for back in range(x.shape[1] - 1):
+            t = x.shape[1] - 1 - back
+            m = b * (x.shape[1] - 1) + t - 1
+            for p in range(n):
+                for k in ti.static(range(3)):
+                    y[b, 0, 6 * (p + 1) + k] = d_x[b, t, p][k]
+            for k in ti.static(range(3)):
+                y[b, 0, k] = 0.0
+            for i in range(n + 1):
+                for k in ti.static(range(3)):
+                    y[b, 0, 6 * i + 3 + k] = turn[b, i][k]
+                turn[b, i] = vec3(0.0)
+            # what was remembered of this step, later steps have read
+            for i in range(n):
+                if laws_act(joints, b, i):
+                    now_l, _before_l = joint_lengths(joints, steps, b, t, i)
+                    pull = vec3(0.0)
+                    for k in range(bends.shape[2]):
+                        h = vec2(d_past[b, i, 3 * k], d_past[b, i, 3 * k + 1])
+                        a = block2(bends, m, i, k, 2).transpose() @ h
+                        pull += vec3(a[0], a[1], 0.0) / now_l
+                    ga, gb = moment_to_rotations(q[b, t, i], q[b, t, i + 1], pull)
+                    for k in ti.static(range(3)):
+                        y[b, 0, 6 * i + 3 + k] += ga[k]
+                        y[b, 0, 6 * i + 9 + k] += gb[k]
+            if symmetric == 0 and fresh == 0:
+                for p in range(n):
+                    for j in range(SAMPLES):
+                        if j == 0 or p + 1 < n:
+                            k = SAMPLES * p + j
+                            spread(y, b, 0, p, j, block3(rubs, m, k, 1).transpose() @ d_slip[b, k])
+            # column 1 keeps what the loss says of the prescribed unknowns
+            for k in range(ENDS):
+                for r in range(row_of(k, n), row_of(k, n) + 3):
+                    y[b, 1, r] = y[b, 0, r]
+            clear_held(y, b, 0, n, b, grips, clamped)
+            solve_transposed(upper, lower, m, y, b, 0, rows)
+            # lambda is in y: what the step reads, it feeds back to
+            for k in range(1, ENDS):
+                row = row_of(k, n)
+                if is_held(k, b, grips, clamped):
+                    found = vec3(0.0)
+                    for j in ti.static(range(3)):
+                        found[j] = y[b, 1, row + j] - times_column(
+                            whole_upper, whole_lower, m, y, b, 0, row + j
+                        )
+                    if k < 3:
+                        d_end_q[b, t - 1, k - 1] += found
+                    else:
+                        d_end_x[b, t - 1, k - 3] += found
+                    for c in range(d_parameter.shape[1]):
+                        d_parameter[b, c, 0] += found.dot(of_end(k, by_held, b, t, c))
+            for end in ti.static(range(2)):
+                if grips[b, end, 0] > 0.0:
+                    i = n * end
+                    k = vec3(grips[b, end, 0], grips[b, end, 1], grips[b, end, 2])
+                    phi, w, v, c0, c1, c2 = darboux(end_q[b, t - 1, end], q[b, t, i])
+                    stiff = ti.Matrix([[k[0], 0.0, 0.0], [0.0, k[1], 0.0], [0.0, 0.0, k[2]]])
+                    _ga, _gb, _aa, _ab, ba, _bb = bend_twist(w, v, c0, c1, c2, k * phi, stiff)
+                    own = vec3(y[b, 0, 6 * i + 3], y[b, 0, 6 * i + 4], y[b, 0, 6 * i + 5])
+                    d_end_q[b, t - 1, end] -= ba.transpose() @ own
+            for c in range(d_parameter.shape[1]):
+                total = 0.0
+                for r in range(rows):
+                    total += y[b, 0, r] * by_force[m, c, r]
+                for i in range(n):
+                    for k in ti.static(range(HISTORY)):
+                        total += d_past[b, i, k] * by_past[m, c, i, k]
+                for k in range(d_slip.shape[1]):
+                    total += d_slip[b, k].dot(by_slip[m, c, k])
+                d_parameter[b, c, 0] += total
+            if moving == 1:
+                rate = 1.0 / steps[b, t, 0]
+                ratio = 1.0 if t == 1 else steps[b, t, 0] / steps[b, ti.max(t - 1, 1), 0]
+                for p in range(n):
+                    r = 6 * (p + 1)
+                    pull = vec3(y[b, 0, r], y[b, 0, r + 1], y[b, 0, r + 2])
+                    inertia, drag = particles[b, p, INERTIA] * rate * rate, particles[b, p, DRAG] * rate
+                    d_x[b, t - 1, p] += ((1.0 + momentum * ratio) * inertia + drag) * pull
+                    if t > 1:
+                        d_x[b, t - 2, p] -= momentum * ratio * inertia * pull
+                    else:
+                        d_first[b, p] -= momentum * inertia * pull
+            for i in range(n):
+                if laws_act(joints, b, i):
+                    _now_l, before_l = joint_lengths(joints, steps, b, t, i)
+                    ra, rb = 6 * i + 3, 6 * i + 9
+                    ta = vec3(y[b, 0, ra], y[b, 0, ra + 1], y[b, 0, ra + 2])
+                    tb = vec3(y[b, 0, rb], y[b, 0, rb + 1], y[b, 0, rb + 2])
+                    work = rotations_to_strain(q[b, t, i], q[b, t, i + 1], ta, tb)
+                    own = vec2(work[0], work[1])
+                    bent = vec3(0.0)
+                    for k in range(bends.shape[2]):
+                        h = vec2(d_past[b, i, 3 * k], d_past[b, i, 3 * k + 1])
+                        a = block2(bends, m, i, k, 3).transpose() @ h
+                        a -= block2(bends, m, i, k, 0).transpose() @ own
+                        h = block2(bends, m, i, k, 4).transpose() @ h
+                        h -= block2(bends, m, i, k, 1).transpose() @ own
+                        bent += vec3(a[0], a[1], 0.0)
+                        d_past[b, i, 3 * k], d_past[b, i, 3 * k + 1] = h[0], h[1]
+                    if fresh == 0:
+                        ga, gb = moment_to_rotations(q[b, t - 1, i], q[b, t - 1, i + 1], bent / before_l)
+                        turn[b, i] += ga
+                        turn[b, i + 1] += gb
+            if symmetric == 0 and fresh == 0:
+                for p in range(n):
+                    for j in range(SAMPLES):
+                        if j == 0 or p + 1 < n:
+                            k = SAMPLES * p + j
+                            back_to = d_slip[b, k] - rubs[m, k, 0] * gathered(y, b, 0, p, j)
+                            back_to = block3(rubs, m, k, 10).transpose() @ back_to
+                            d_slip[b, k] = back_to
+                            there = j / float(SAMPLES)
+                            d_x[b, t - 1, p] -= (1.0 - there) * back_to
+                            if j > 0:
+                                d_x[b, t - 1, p + 1] -= there * back_to
+
+
+__all__ = ["adjoint", "linearise", "residuals", "sensitivities"]

@@ -1,0 +1,199 @@
+"""The door through which physics enters the rod: what an effect is, and what it may change.
+
+An effect is a file of this folder and a line in its `__init__`: a name, parameters, and `apply`, which takes
+the set-up of one rope and returns it changed. A law of bending instead has `respond`, which the step calls at
+every joint, and `coefficients`, the two numbers that it needs there (see `plastic_bending` for one).
+
+No effect writes derivatives by its parameters: the solver takes them from the step's residual, which is an
+explicit function of the set-up, by central differences at fixed state (see `dlolib.sim.derivatives`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dlolib.sim.scene import LAWS
+from dlolib.types import Ends, Floats, Rope
+
+NO_TURN = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of an effect.
+
+    Args:
+        name: as in `<effect>.<name>`.
+        unit: SI; empty for a ratio.
+        says: what it is, for a person.
+        neutral: the value at which the effect is not there, to the last bit.
+        low, high: bounds within which it may be fitted.
+        scale: a change of it that counts as one.
+        starts: where a fit begins, if it is to try several.
+        difference: how far a derivative looks to either side, in units of the scale; less where the parameter
+            moves a contact, whose force sets in within microns.
+    """
+
+    name: str
+    unit: str
+    says: str
+    neutral: float
+    low: float
+    high: float
+    scale: float
+    starts: tuple[float, ...]
+    difference: float = 1e-4
+
+
+class Effect(Protocol):
+    """A module of this folder."""
+
+    @property
+    def NAME(self) -> str: ...
+
+    @property
+    def SAYS(self) -> str: ...
+
+    @property
+    def PARAMETERS(self) -> tuple[Parameter, ...]: ...
+
+    def apply(self, setup: Setup, values: Mapping[str, float]) -> Setup:
+        """The set-up with the effect in it; `values` has every parameter by name."""
+        ...
+
+
+class Law(Protocol):
+    """A module of this folder whose effect is a moment in every joint.
+
+    SYMMETRIC: whether the moment has a potential within a step. The kernel's function `respond(now, before,
+    past, rest, p, d, ei, dt, branch)` takes the curvature (2) of a joint, that of the step before, the law's
+    history (2), the curvature at rest (2), the two coefficients, EI about both axes, the rope's uniform EI,
+    the duration of the step, and which branch of the law to take (to yield or not to; -1: as it comes out).
+    It returns the moment beside D (now - rest), the new history, the work of that moment since the step
+    before, six 2 x 2 matrices (the moment's derivatives by now, before and past, and the history's), and the
+    branch. A derivative stays on its branch: at rest on a yield surface, differences would mix two.
+    """
+
+    @property
+    def NAME(self) -> str: ...
+
+    @property
+    def SAYS(self) -> str: ...
+
+    @property
+    def PARAMETERS(self) -> tuple[Parameter, ...]: ...
+    @property
+    def SYMMETRIC(self) -> bool: ...
+
+    @property
+    def respond(self) -> Callable[..., Any]: ...
+
+    def coefficients(self, values: Mapping[str, float]) -> tuple[float, float]:
+        """What the law needs at a joint; (0, 0) is no law."""
+        ...
+
+
+@dataclass(frozen=True)
+class Slip:
+    """Rope that slips through the end's grasp: length · ½ (1 + tanh((t - time) / duration)) is gone."""
+
+    length_m: float = 0.0
+    time_s: float = 0.0
+    duration_s: float = 0.0
+
+    def gone(self, t_s: Floats) -> Floats:
+        """Length that has slipped out at the times t_s [m]."""
+        if self.duration_s == 0.0:
+            return np.where(t_s >= self.time_s, self.length_m, 0.0)
+        return np.asarray(self.length_m * 0.5 * (1.0 + np.tanh((t_s - self.time_s) / self.duration_s)))
+
+
+@dataclass(frozen=True)
+class Camera:
+    """What the camera makes of the true points: turned about the world's origin, and moved along its axis."""
+
+    rotation: tuple[float, float, float] = NO_TURN
+    depth_m: float = 0.0
+
+
+@dataclass(frozen=True)
+class Setup:
+    """One rope before it is moved: its discretisation, its surroundings, how it is held and seen.
+
+    Args:
+        rope: the rope as recorded.
+        ends: which ends are held.
+        gravity_m_s2: shape (3,).
+        arc_m: arc length of the particles (n,) [m], as recorded (a `length_error` does not change it).
+        joints, segments, particles, contacts, obstacles, grips: one rope's rows of `Scene`.
+        weight: mass that gravity acts on, by particle (n,) [kg].
+        symmetric: as in `Scene`.
+        moving: whether inertia or drag act, so that time passes between the steps.
+        turns: how the start's and the end's frames are turned away from the recorded ones, about their own
+            first two axes [rad]; `rolls`: then about the third.
+        delay_s: the camera sees at t what the robot logged at t - delay.
+        slip: rope that slips through the end's grasp.
+        camera: error of the camera's pose.
+    """
+
+    rope: Rope
+    ends: Ends
+    gravity_m_s2: Floats
+    arc_m: Floats
+    joints: Floats
+    segments: Floats
+    particles: Floats
+    contacts: Floats
+    obstacles: Floats
+    grips: Floats
+    weight: Floats
+    symmetric: bool = True
+    moving: bool = False
+    turns: tuple[tuple[float, float], tuple[float, float]] = ((0.0, 0.0), (0.0, 0.0))
+    rolls: tuple[float, float] = (0.0, 0.0)
+    delay_s: float = 0.0
+    slip: Slip = field(default_factory=Slip)
+    camera: Camera = field(default_factory=Camera)
+
+    @property
+    def path_dependent(self) -> bool:
+        """Whether the rope remembers its way: a law or a contact with history."""
+        return bool(self.joints[:, LAWS:].any()) or not self.symmetric
+
+    @property
+    def particles_m(self) -> Floats:
+        """The length of rope that each particle stands for [m], (n,)."""
+        return particle_lengths(float(self.arc_m[-1]), len(self.arc_m))
+
+    def joint_arc_m(self) -> tuple[Floats, Floats]:
+        """Arc length where each joint's piece of the rope begins and ends [m], (n,) each."""
+        middles = (self.arc_m[1:] + self.arc_m[:-1]) / 2
+        return np.concatenate([self.arc_m[:1], middles]), np.concatenate([middles, self.arc_m[-1:]])
+
+    def with_joints(self, columns: slice | int, values: ArrayLike) -> Setup:
+        """A copy with some columns of every joint set; of a slice (n, columns) or what spreads to it."""
+        joints = self.joints.copy()
+        joints[:, columns] = values
+        return replace(self, joints=joints)
+
+    def unsymmetric(self) -> Setup:
+        """A copy whose forces have no potential."""
+        return replace(self, symmetric=False)
+
+    def with_load(self, force_n: Floats) -> Setup:
+        """A copy with a further load (n, 3) [N] on the particles."""
+        particles = self.particles.copy()
+        particles[:, 2:] += force_n
+        return replace(self, particles=particles)
+
+
+def particle_lengths(length_m: float, particles: int) -> Floats:
+    """The length of rope that each particle stands for [m], shape (n,): half a segment at the ends."""
+    share = np.full(particles, length_m / (particles - 1))
+    share[[0, -1]] /= 2
+    return share

@@ -1,0 +1,28 @@
+"""Contact with something that was not recorded, as a frictionless sphere."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from dlolib.sim.effects.base import Parameter, Setup
+from dlolib.sim.shapes import pack
+from dlolib.types import Obstacle
+
+NAME = "hidden_obstacle"
+SAYS = "the rope touches something that was not recorded"
+PARAMETERS = (
+    *(Parameter(axis, "m", f"{axis} of its centre", 0.0, -10.0, 10.0, 0.005, (), 1e-6) for axis in "xyz"),
+    Parameter("radius", "m", "its radius, without the rope's", 0.0, 0.0, 1.0, 0.005, (0.02,), 1e-6),
+)
+
+
+def apply(setup: Setup, values: Mapping[str, float]) -> Setup:
+    """A further obstacle."""
+    if values["radius"] == 0.0:
+        return setup
+    centre = (values["x"], values["y"], values["z"])
+    row = pack([Obstacle("sphere", {"center_m": centre, "radius_m": (values["radius"],)})])
+    return replace(setup, obstacles=np.concatenate([setup.obstacles, row]))

@@ -1,0 +1,184 @@
+"""Every effect of the library: neutral to the last bit, differentiated right, forwards and backwards."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sim.ropes import EI, GJ, GRAVITY, LEVEL, ROPE, swing
+
+from dlolib.errors import ParameterError
+from dlolib.sim import simulate
+from dlolib.sim.effects import EFFECTS, named
+from dlolib.sim.recording import RecordingModel, varied
+from dlolib.sim.rod import Rod, scene_of
+from dlolib.sim.simulate import Case, Clock, Variation, gradient, roll_out, sensitivities
+from dlolib.types import Ends, Floats, Motion, Obstacle, Points, Recording
+
+PARTICLES, SEEN = 14, 5
+TABLE = Obstacle("plane", {"point_m": (0.0, 0.0, -0.085), "normal": (0.0, 0.1, 1.0)})
+
+
+@dataclass(frozen=True)
+class Try:
+    """An effect at a size that shows, and the parameters that are differentiated there."""
+
+    values: Mapping[str, float]
+    also: tuple[str, ...] = ("bending_stiffness",)
+    table: bool = False
+
+
+TRIES = {
+    "rest_curvature": Try({"kappa_1": 0.5, "kappa_2": -1.0}),
+    "plastic_bending": Try({"yield_curvature": 3.0, "hardening_ratio": 0.2}, ("end_twist.end",)),
+    "internal_friction": Try(
+        {"saturation_curvature": 1.0, "transition_curvature": 2.0}, ("torsional_stiffness",)
+    ),
+    "viscoelastic_bending": Try({"modulus_ratio": 0.4, "relaxation_time": 3.0}),
+    "nonlinear_bending": Try({"cubic": -0.003}, ("bending_stiffness", "anisotropic_bending.stiffness_ratio")),
+    "anisotropic_bending": Try({"stiffness_ratio": 1.5}),
+    "stiffness_profile": Try({"s": 0.2, "factor": 0.5, "width": 0.04}),
+    "mass_profile": Try({"s": 0.3, "mass": 0.002, "gradient": 0.1}),
+    "axial_stretch": Try({"axial_stiffness": 20.0}),
+    "end_angle": Try({"start_1": 0.05, "start_2": -0.1, "end_1": 0.02, "end_2": 0.03}),
+    "end_twist": Try({"start": 0.2, "end": -0.1}),
+    "end_compliance": Try(
+        {"start_stiffness": 0.01, "end_stiffness": 0.02}, ("end_angle.start_1", "end_twist.end")
+    ),
+    "grasp_slip": Try({"length": 0.005, "time": 3.0, "duration": 1.0}),
+    "length_error": Try({"relative": 0.01}),
+    "lateral_load": Try({"x": 0.01, "y": 0.02, "z": 0.01}),
+    "contact_friction": Try({"coefficient": 0.3}, table=True),
+    "hidden_obstacle": Try({"x": 0.17, "y": 0.01, "z": -0.12, "radius": 0.03}),
+    "inertia_drag": Try({"inertia": 1.0, "drag": 0.05}),
+    "clock_offset": Try({"time": 0.08}),
+    "camera_pose": Try({"rotation_1": 0.01, "rotation_2": 0.02, "rotation_3": -0.01, "depth": 0.003}),
+}
+
+
+def recording(table: bool = False) -> Recording:
+    """The gripper swings out and back, and turns; the points are where nobody looked."""
+    t_s = np.linspace(0, 6, 61)
+    way = np.concatenate([swing(31), swing(31)[-2::-1]])
+    held = np.tile(LEVEL, (61, 1))
+    motion = Motion(t_s, np.zeros((61, 3)), held, way, held)
+    frame = np.repeat(np.arange(SEEN), SEEN)
+    s = np.tile(np.linspace(0.05, 0.4, SEEN), SEEN)
+    points = Points(frame, 1.03 + 1.1 * frame, s, np.zeros((len(s), 3)))
+    obstacles = (TABLE,) if table else ()
+    return Recording("made", ROPE, GRAVITY, Ends(), motion, points, obstacles=obstacles, quasi_static=True)
+
+
+def names_of(effect: str) -> list[str]:
+    return [f"{effect}.{p.name}" for p in EFFECTS[effect].PARAMETERS] + list(TRIES[effect].also)
+
+
+def rod_with(effect: str, values: Mapping[str, float]) -> Rod:
+    return Rod(ROPE, EI, GJ, named(effect, values), PARTICLES)
+
+
+def test_the_table_has_every_effect() -> None:
+    assert set(TRIES) == set(EFFECTS)
+
+
+@pytest.mark.parametrize("effect", EFFECTS)
+def test_of_no_size_it_is_not_there(effect: str) -> None:
+    model = RecordingModel(recording(TRIES[effect].table), PARTICLES, 0.02)
+    neutral = {p.name: p.neutral for p in EFFECTS[effect].PARAMETERS}
+    without = model.predict(Rod(ROPE, EI, GJ, particles=PARTICLES)).xyz_m
+    assert np.array_equal(model.predict(rod_with(effect, neutral)).xyz_m, without)
+    assert not np.allclose(model.predict(rod_with(effect, TRIES[effect].values)).xyz_m, without, atol=1e-5)
+
+
+@pytest.mark.parametrize("effect", EFFECTS)
+def test_its_derivatives_are_those_of_the_points(effect: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(simulate, "TOLERANCE", 1e-11)
+    model = RecordingModel(recording(TRIES[effect].table), PARTICLES, 0.02)
+    rod, names = rod_with(effect, TRIES[effect].values), names_of(effect)
+    found = model.predict(rod, names).by_parameter
+    missed = [name for k, name in enumerate(names) if not agrees(model, rod, name, found[:, :, k])]
+    assert not missed
+
+
+def agrees(model: RecordingModel, rod: Rod, name: str, found: Floats) -> bool:
+    """Within 1e-6 of extrapolated differences over 19 of 20 points: an event may fall within the stencil."""
+    _, _, width = varied(rod, name)
+    for wider in (30.0, 3.0, 300.0):
+        h = wider * width
+        coarse, fine = (central(model, rod, name, h / part) for part in (1, 2))
+        by = (4 * fine - coarse) / 3
+        off = np.linalg.norm(found - by, axis=1) / np.linalg.norm(by, axis=1).max()
+        if np.quantile(off, 0.95) < 1e-6:
+            return True
+    return False
+
+
+def central(model: RecordingModel, rod: Rod, name: str, h: float) -> Floats:
+    sides = (model.predict(rod.with_values({name: rod.value(name) + d})).xyz_m for d in (h, -h))
+    return np.asarray((next(sides) - next(sides)) / (2 * h))
+
+
+@pytest.mark.parametrize("effect", sorted(set(EFFECTS) - {"camera_pose"}))
+def test_backwards_as_forwards(effect: str) -> None:
+    """The adjoint of a random loss over the motion against its sensitivities, history and all."""
+    model = RecordingModel(recording(TRIES[effect].table), PARTICLES, 0.02)
+    rod, names = rod_with(effect, TRIES[effect].values), names_of(effect)
+    rollout, rest = model.roll_out(rod), model.at_rest(rod)
+    times = model.times(model.setup(rod))
+    sides = [tuple(model.setup(side) for side in varied(rod, name)[:2]) for name in names]
+    widths = [varied(rod, name)[2] for name in names]
+    ways = [
+        Variation(*(Case(scene_of([one]), model.path(one, times)) for one in side), width)
+        for side, width in zip(sides, widths, strict=True)
+    ]
+    assert rest.x.shape[1] == 2
+    weights = np.random.default_rng(0).normal(size=rollout.x.shape)
+    weights[:, 0] = 0.0
+    out, _ = sensitivities(rollout, ways, np.arange(1, rollout.x.shape[1]))
+    forwards = np.einsum("btcnk,btnk->c", out, weights[:, 1:])
+    backwards = gradient(rollout, weights, variations=ways).parameter[0]
+    assert backwards == pytest.approx(forwards, rel=1e-8, abs=1e-9 * np.abs(forwards).max())
+
+
+@pytest.mark.parametrize("effect", ["plastic_bending", "internal_friction", "viscoelastic_bending"])
+def test_the_gradient_passes_through_a_state_with_history(effect: str) -> None:
+    """A motion in two pieces, as learning takes it, has the gradient of the motion in one."""
+    model = RecordingModel(recording(), PARTICLES, 0.02)
+    rod = rod_with(effect, TRIES[effect].values)
+    rest, whole = model.at_rest(rod), model.roll_out(rod)
+    path, half = whole.path, whole.path.x.shape[1] // 2
+    weights = np.random.default_rng(1).normal(size=whole.x.shape)
+    pieces = [
+        replace(path, x=path.x[:, a:b], q=path.q[:, a:b], dt_s=path.dt_s[:, a:b], span=None)
+        for a, b in ((0, half), (half, None))
+    ]
+    first = roll_out(rest.scene, rest.final.at_rest(), pieces[0], Clock(None))
+    second = roll_out(rest.scene, first.final, pieces[1], Clock(None))
+    assert np.abs(second.x[:, -1] - whole.x[:, -1]).max() < 1e-9
+    late = np.concatenate([np.zeros_like(weights[:, :1]), weights[:, half + 1 :]], axis=1)
+    back = gradient(second, late)
+    early = gradient(first, weights[:, : half + 1], back.initial)
+    one = gradient(whole, weights)
+    both = np.concatenate([early.end_x, back.end_x], axis=1)
+    assert both == pytest.approx(one.end_x, rel=1e-6, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("effect", "values", "says"),
+    [
+        ("stiffnes", {}, "unknown effect"),
+        ("plastic_bending", {"limit": 3.0}, "no parameter"),
+        ("plastic_bending", {"yield_curvature": -3.0}, "out of range"),
+        ("plastic_bending", {}, "without parameters"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(effect: str, values: Mapping[str, float], says: str) -> None:
+    with pytest.raises(ParameterError, match=says):
+        named(effect, values)
+
+
+def test_the_page_lists_every_parameter() -> None:
+    page = Path("docs/effects.md").read_text(encoding="utf-8")
+    for effect in EFFECTS.values():
+        assert all(f"`{p.name}`: {p.says} | {p.unit} |" in page for p in effect.PARAMETERS), effect.NAME
