@@ -50,6 +50,10 @@ elastic: .venv/installed ## the laboratory with an elastic rope: is the EI that 
 solvers: .venv/installed ## the paper's iterative solver beside the direct one on an exactly known rope (5 minutes)
 	@python -m stages.solvers
 
+.PHONY: validation
+validation: .venv/installed ## the rod against theory: docs/validation.md and its figures
+	@python -m stages.validation
+
 .PHONY: lock
 lock: ## pin requirements.lock anew from pyproject.toml (needs uv)
 	@uv pip compile --quiet --universal --fork-strategy fewest --python-version 3.11 --generate-hashes \
