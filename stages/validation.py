@@ -99,9 +99,9 @@ def main() -> None:
     table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
     shapes = (
         f"Left: the shapes with {elastica.particles[-1]} particles (colours) on the exact ones (black). "
-        "Right: the largest distance of a particle to the exact place of its arc length, over the length; the "
-        "dotted line falls with the square of the segments. What flattens at 1e-5 is the rope's own stretch: "
-        "an inextensible rope is one with an axial stiffness that its load strains by 3e-5 "
+        "Right: the largest distance of a particle to the exact place of its arc length, over the length; "
+        "the dotted line falls with the square of the segments. What flattens at 1e-5 is the rope's own "
+        "stretch: an inextensible rope is one with an axial stiffness that its load strains by 3e-5 "
         "(`dlolib.sim.rod.WEIGHT_STRAIN`)."
     )
     michell = (
