@@ -50,6 +50,14 @@ elastic: .venv/installed ## the laboratory with an elastic rope: is the EI that 
 solvers: .venv/installed ## the paper's iterative solver beside the direct one on an exactly known rope (5 minutes)
 	@python -m stages.solvers
 
+.venv/bench: requirements-bench.lock .venv/installed
+	@python -m pip --disable-pip-version-check --no-input install -qq --no-compile --require-hashes -r $<
+	@touch $@
+
+.PHONY: bench
+bench: .venv/bench ## how fast and how right the rod is, beside its peers: reports/bench.json (15 minutes); KEYS=... for some
+	@python -m stages.bench $(KEYS)
+
 .PHONY: validation
 validation: .venv/installed ## the rod against theory: docs/validation.md and its figures
 	@python -m stages.validation
@@ -58,3 +66,5 @@ validation: .venv/installed ## the rod against theory: docs/validation.md and it
 lock: ## pin requirements.lock anew from pyproject.toml (needs uv)
 	@uv pip compile --quiet --universal --fork-strategy fewest --python-version 3.11 --generate-hashes \
 		--no-annotate --no-header --extra dev --upgrade pyproject.toml --output-file requirements.lock
+	@printf "%s\n" "cosseratbench>=0.3,<0.4" "pyelastica>=1,<2" | uv pip compile --quiet --universal --python-version 3.11 \
+		--generate-hashes --no-annotate --no-header --constraint requirements.lock - --output-file requirements-bench.lock

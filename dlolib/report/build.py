@@ -34,7 +34,7 @@ def build_report(
     """Write report.json, report.html, report.pdf and figures/ into `out`; the same bytes at every run.
 
     Args:
-        results: what the stages left: identify/, learn/, execute/, cables.json, elastic.json, solvers.json.
+        results: what the stages left: identify/, learn/, execute/, *.json.
         out: the folder to write to; it may be `results` itself.
         data: captures, recordings, layouts and truth; by default data/ beside `results`.
         has_truth: False where data/truth does not belong to this capture (a capture of the user's own).

@@ -45,7 +45,7 @@ class Results:
     """The folders of a run.
 
     Args:
-        folder: the results (identify/, learn/, execute/, cables.json, elastic.json, solvers.json).
+        folder: the results (identify/, learn/, execute/, *.json).
         data: captures, recordings, layouts and the laboratory's truth.
         has_truth: whether data/truth belongs to this capture (it does where the laboratory made it).
         parameters: the pipeline's parameters, block by block, for the last section; None if unknown.

@@ -135,7 +135,7 @@ def make_pipeline(folder: Path, layouts: int | None = None) -> Pipeline:
         (folder / "data/layouts" / layout).mkdir(parents=True)
         (folder / "data/layouts" / layout / "layout.json").write_text("{}")
     (folder / "reports").mkdir()
-    for name in ("cables.json", "elastic.json", "solvers.json"):
+    for name in ("bench.json", "cables.json", "elastic.json", "solvers.json"):
         (folder / "reports" / name).write_text("{}")
     stand_in = folder / ".bin" / "python"
     stand_in.parent.mkdir()

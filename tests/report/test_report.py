@@ -166,7 +166,7 @@ def test_cards_say_which_command_gives_them(content: dict) -> None:
 
 def test_page_holds_every_section_caption_and_cell(out: Path, content: dict) -> None:
     text = unescape(re.sub(r"</?(?:code|sub|strong)>", "", (out / "report.html").read_text(encoding="utf-8")))
-    assert len(content["sections"]) == 11
+    assert len(content["sections"]) == 12
     shown = [section["title"] for section in content["sections"]]
     shown += [block["caption"] for kind in ("figure", "table") for block in blocks_of(content, kind)]
     shown += [cell for table in blocks_of(content, "table") for row in table["rows"] for cell in row]
@@ -181,6 +181,14 @@ def test_a_solver_that_no_stiffness_fits_is_said_so(content: dict) -> None:
     assert figure["file"] == "figures/solvers.svg" and "no number of iterations" in figure["caption"]
     assert [row[4] for row in table["rows"]] == [*["3.00 × 10⁻⁴"] * 3, "none", "none", "5.00 × 10⁻⁴"]
     assert [row[6] for row in table["rows"]] == ["0.0"] * 3 + ["–", "–", "66.7"]
+
+
+def test_the_bench_keeps_what_was_missed_and_what_was_not_measured(content: dict) -> None:
+    (section,) = [section for section in content["sections"] if section["name"] == "bench"]
+    words, figure, table = section["blocks"]
+    assert "1 of 3 goals are met" in words["text"] and figure["file"] == "figures/bench.svg"
+    assert [row[1] for row in table["rows"]] == ["3.00", "0.120", "–"]
+    assert [row[2] for row in table["rows"]] == ["≥ 12", "≤ 0.25", "≤ 0.20"]
 
 
 @pytest.fixture
@@ -229,6 +237,7 @@ def test_empty_results_make_a_report_of_sentences(tmp_path: Path) -> None:
         ("reports/learn/layout_2/shapes.csv", "no shapes to draw for Layout 2"),
         ("data/layouts/layout_2", "no shapes to draw for Layout 2"),
         ("reports/execute", "Nothing was executed"),
+        ("reports/bench.json", "Nothing was measured beside the peers"),
         ("reports/cables.json", "cables were not run"),
         ("reports/elastic.json", "elastic laboratory was not run"),
         ("reports/solvers.json", "two solvers were not compared"),

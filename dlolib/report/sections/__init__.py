@@ -9,6 +9,7 @@ from dlolib.report.model import Section
 from dlolib.report.results import Results
 from dlolib.report.sections import (
     ablation,
+    bench,
     cables,
     capture,
     chain,
@@ -31,6 +32,7 @@ SECTIONS: tuple[Callable[[Results, Path], Section], ...] = (
     execution.section,
     cables.section,
     solvers.section,
+    bench.section,
     comparison.section,
     making.section,
 )

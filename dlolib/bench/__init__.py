@@ -1,0 +1,1 @@
+"""Our rod as others' benchmarks take it."""
