@@ -377,8 +377,8 @@ def against_sysid() -> Iterator[Figure]:
         slow / quick,
         f"mujoco.minimize.least_squares (what mujoco.sysid calls) on its flex {slow:.2f} s, ours "
         f"{quick:.3f} s, from 1.5 EI; residuals {rms[0]:.2f} and {rms[1]:.2f} mm RMS, "
-        f"EI {100 * (np.exp(float(np.ravel(x)[0])) - 1):+.1f} and {100 * (value / EI - 1):+.1f} %; a settling "
-        f"of {peers.COMING + peers.RESTING} steps is part of theirs",
+        f"EI {100 * (np.exp(float(np.ravel(x)[0])) - 1):+.1f} and {100 * (value / EI - 1):+.1f} %; a "
+        f"settling of {peers.COMING + peers.RESTING} steps is part of theirs",
     )
 
 

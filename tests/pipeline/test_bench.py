@@ -1,0 +1,33 @@
+"""What `make bench` times: scenes that come to the same elastica, and our rod by cosseratbench's rules."""
+
+import pytest
+
+from stages import bench, peers
+
+
+def test_mujocos_flex_and_our_rod_come_to_the_same_elastica() -> None:
+    exact = peers.exact_shapes()
+    for make in (peers.ours, peers.mujoco_flex):
+        errors = []
+        for particles in (15, 30):
+            race = make(particles)
+            race.go()
+            errors.append(100 * peers.error_of(race, exact))
+        assert errors[1] < min(bench.EXACT_PERCENT, errors[0])
+
+
+def test_every_key_is_measured_once() -> None:
+    measured = [key for keys, _ in bench.MEASURES for key in keys]
+    assert sorted(measured) == sorted(bench.GOALS)
+
+
+def test_our_rod_hangs_and_bends_as_cosseratbench_wants_it() -> None:
+    pytest.importorskip("cosseratbench", reason="in the extra `bench`")
+    from cosseratbench import registry
+    from cosseratbench.experiment import run
+
+    from dlolib.bench.cosserat import RodSolver
+
+    for name, metric in (("catenary", "shape_error"), ("cantilever", "tip_deflection_error")):
+        result = run(registry.load_experiment(name), RodSolver())
+        assert result.outcome == "completed" and result.metrics[metric] < 2e-3
