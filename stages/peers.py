@@ -41,7 +41,7 @@ class Race:
     arc_m: Floats
 
 
-def exact_shapes(points: int = 2001) -> Floats:
+def exact_shapes(points: int = 601) -> Floats:
     """The elastica at the rows SHOWN, (len(SHOWN), points, 2) [m], at even arc lengths."""
     shapes: list[Floats] = []
     branch: Elastica | None = None
