@@ -70,7 +70,7 @@ GOALS = {
     "elastica_error_percent": Goal(0.25, "%"),
     "stretch_percent": Goal(0.05, "%"),
     "ei_spread_percent": Goal(1.0, "%"),
-    "gradient_error": Goal(1e-6, "times"),
+    "gradient_error": Goal(1e-6, "relative"),
     "identify_vs_mujoco": Goal(50.0, "times", at_least=True),
     "learn_seconds": Goal(5.0, "s"),
     "memory_mb": Goal(50.0, "MB"),
