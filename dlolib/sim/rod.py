@@ -15,10 +15,10 @@ from dlolib.sim.effects.base import Setup, particle_lengths
 from dlolib.sim.scene import DRAG, INERTIA, LENGTH, LOAD, REST, STIFFNESS, UNIFORM, Scene, contact_points
 from dlolib.types import Ends, Floats, Obstacle, Rope
 
-# An inextensible rope stretches this much under its own weight or a bend of its length, whichever is more.
+# An inextensible rope stretches this much under its load: its weight, the tip's, and a bend of its length.
 WEIGHT_STRAIN = 3e-5
-# Contact force per length of rope and depth [N/m^2], over the rod's weight per length.
-CONTACT_OVER_WEIGHT_1_M = 5e7
+# Contact force per length of rope and depth [N/m^2], over the load per length.
+CONTACT_OVER_LOAD_1_M = 5e7
 STIFFNESSES = {"bending_stiffness": "N m^2", "torsional_stiffness": "N m^2"}
 NOTHING: Mapping[str, float] = MappingProxyType({})
 
@@ -153,11 +153,10 @@ FREE_ROLL = 1e-6
 def _penalties(rod: Rod, gravity: Floats) -> tuple[float, float]:
     """Axial stiffness of an inextensible rope [N], and contact stiffness a length [N/m^2]."""
     length, weight = rod.rope.length_m, float(np.linalg.norm(gravity))
-    load = rod.linear_density * max(weight, 9.81)
     # in powers of ten, so that it does not vary with the stiffness that a fit moves in
     bend = 10.0 ** np.ceil(np.log10(rod.bending_stiffness / length**2))
-    axial = (load * length + rod.rope.tip_mass_kg * weight + bend) / WEIGHT_STRAIN
-    return float(axial), load * CONTACT_OVER_WEIGHT_1_M
+    load = rod.linear_density * max(weight, 9.81) * length + rod.rope.tip_mass_kg * weight + bend
+    return float(load / WEIGHT_STRAIN), float(load / length * CONTACT_OVER_LOAD_1_M)
 
 
 def scene_of(setups: Sequence[Setup]) -> Scene:
