@@ -553,7 +553,7 @@ def _adjoint_error(model: RecordingModel, rod: Rod, parameters: list[str]) -> fl
         cases = []
         for one in (ahead, behind):
             made = model.setup(one)
-            cases.append(Case(scene_of([made]), model._path(made, model.times(made))))
+            cases.append(Case(scene_of([made]), model.path(made, model.times(made))))
         ways.append(Variation(cases[0], cases[1], width))
     weights = np.random.default_rng(0).normal(size=moved.x.shape)
     weights[:, 0] = 0.0

@@ -37,7 +37,7 @@ from dlolib.sim.contact import friction
 from dlolib.sim.direct import NOT_FINITE
 from dlolib.sim.effects import LAWS
 from dlolib.sim.joints import HISTORY, curvature, law_derivatives, laws_act
-from dlolib.sim.runtime import mat2, mat3, ti, vec2, vec3, vec4
+from dlolib.sim.runtime import APART, NEAR, mat2, mat3, ti, vec2, vec3, vec4
 from dlolib.sim.scene import DRAG, INERTIA, SAMPLES
 from dlolib.sim.scene import LAWS as FIRST
 from dlolib.sim.strain import bend_twist, darboux, moment_to_rotations, rotations_to_strain
@@ -88,7 +88,10 @@ def linearise(
     bends (S, n, laws, 20), five 2 x 2 matrices as `law_derivatives` returns them; rubs (S, K, 19), the
     spring's stiffness and two 3 x 3 matrices as `friction` does.
     """
-    for m in range(upper.shape[0]):
+    for lane in range(upper.shape[0] * NEAR):
+        if lane % NEAR != 0:
+            continue
+        m = lane // NEAR
         n = x.shape[2]
         count = x.shape[1] - 1
         b, t = m // count, m % count + 1
@@ -158,7 +161,10 @@ def residuals(
     out_slip: vectors3,
 ):
     """Minus the forces of every step, slot b T + t - 1, and the histories that follow it, at fixed states."""
-    for m in range(y.shape[0]):
+    for lane in range(y.shape[0] * NEAR):
+        if lane % NEAR != 0:
+            continue
+        m = lane // NEAR
         count = x.shape[1] - 1
         b, t = m // count, m % count + 1
         assemble(
@@ -275,7 +281,10 @@ def sensitivities(
     d_past, d_slip: derivatives of the initial state, on exit of the last. `slot[t - 1]` says where in `out`
     (B, slot, C, n) step t goes, -1 for nowhere.
     """
-    for b in range(x.shape[0]):
+    for lane in range(x.shape[0] * APART):
+        if lane % APART != 0:
+            continue
+        b = lane // APART
         n = x.shape[2]
         rows = 6 * (n + 1)
         for t in range(1, x.shape[1]):
@@ -408,7 +417,10 @@ def adjoint(
     the initial state (d_first: by the positions before it). d_end_x, d_end_q and d_parameter (B, C, 1) are
     added to.
     """
-    for b in range(x.shape[0]):
+    for lane in range(x.shape[0] * APART):
+        if lane % APART != 0:
+            continue
+        b = lane // APART
         n = x.shape[2]
         rows = 6 * (n + 1)
         for back in range(x.shape[1] - 1):

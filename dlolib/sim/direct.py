@@ -23,7 +23,7 @@ from dlolib.sim.band import factor, solve
 from dlolib.sim.contact import grip_of
 from dlolib.sim.joints import laws_act
 from dlolib.sim.rotations import conjugate, product, rotated
-from dlolib.sim.runtime import ti, vec3
+from dlolib.sim.runtime import APART, ti, vec3
 from dlolib.sim.scene import FRICTION, SAMPLES, STIFFNESS
 
 CONVERGED, UNCONVERGED, NOT_FINITE = 0, 1, 2
@@ -132,7 +132,10 @@ def roll_out(
     iterations: flags2,
 ):
     """Steps 1 ... T of every rope, from the state at index 0; arrays as in `Scene` and `Rollout`."""
-    for b in range(x.shape[0]):
+    for lane in range(x.shape[0] * APART):
+        if lane % APART != 0:
+            continue
+        b = lane // APART
         n = x.shape[2]
         rows = 6 * (n + 1)
         length = segments[b, 0, 0]

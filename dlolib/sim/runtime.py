@@ -40,4 +40,8 @@ vec4 = ti.types.vector(4, ti.f64)
 mat2 = ti.types.matrix(2, 2, ti.f64)
 mat3 = ti.types.matrix(3, 3, ti.f64)
 
-__all__ = ["mat2", "mat3", "ti", "vec2", "vec3", "vec4"]
+# Taichi gives a core no fewer than 512 iterations of a kernel's outer loop. A loop over ropes runs so many
+# for each and does the first, a loop over steps fewer; else two ropes would share a core, the other at rest.
+APART, NEAR = 512, 32
+
+__all__ = ["APART", "NEAR", "mat2", "mat3", "ti", "vec2", "vec3", "vec4"]
