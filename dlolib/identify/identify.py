@@ -78,8 +78,8 @@ def particles_for(length_m: float, settings: IdentifySettings) -> int:
 def identify(recordings: Sequence[Recording], settings: IdentifySettings) -> Identified:
     """Fit one object's stiffness to its recordings by Levenberg-Marquardt on forward sensitivities.
 
-    Material parameters are shared, each recording has its own clamp angles (its nuisances). Parameters that
-    move no point are left at their neutral values.
+    Material parameters are shared, each recording has its own clamp angles and, where only a picture's plane
+    was seen, its own vertical (its nuisances). Parameters that move no point stay at their neutral values.
 
     Raises:
         ParameterError: a name in `settings.parameters` is unknown or does not act.

@@ -12,11 +12,13 @@ from dlolib.types import Floats, Recording
 
 STIFFNESSES = ("bending_stiffness", "torsional_stiffness")
 END_ANGLES = ("end_angle.start_1", "end_angle.start_2", "end_angle.end_1", "end_angle.end_2")
+# A photograph shows the vertical as well as its camera was levelled: gravity has a part along the picture.
+TILT = "lateral_load.x"
 REST_CURVATURES = ("rest_curvature.kappa_1", "rest_curvature.kappa_2")
 # A parameter that moves no point by this much when it changes by its scale does not act.
 ACTS_M = 1e-5
-# What counts as a change of one: a tenth of a stiffness, half a degree, a tenth of 1/m.
-SCALES = {"bending_stiffness": 0.1, "torsional_stiffness": 0.1, "end_angle": 0.01, "rest_curvature": 0.1}
+# What counts as a change of one in a stiffness: a tenth.
+STIFFNESS_SCALE = 0.1
 
 
 @dataclass(frozen=True)
@@ -34,7 +36,7 @@ class Unknown:
     @property
     def scale(self) -> float:
         """A change of one, in the fit's own coordinate."""
-        return SCALES[self.name.partition(".")[0]]
+        return STIFFNESS_SCALE if self.logarithmic else parameter(self.name).scale
 
     @property
     def bounds(self) -> tuple[float, float]:
@@ -56,6 +58,7 @@ class Unknown:
 def candidates(recordings: Sequence[Recording]) -> tuple[Unknown, ...]:
     """EI and GJ of the object, rest curvature where an end is free, and the angles of each one's clamps.
 
+    Where only a picture's plane was seen, the vertical in it is each recording's own, too.
     Uniform rest curvature cannot be told between two clamps (the integral of curvature is fixed), so it is
     a candidate only where an end is free.
     """
@@ -67,7 +70,8 @@ def candidates(recordings: Sequence[Recording]) -> tuple[Unknown, ...]:
         for name in END_ANGLES
         if getattr(recording.ends, name.partition(".")[2][:-2]) == "clamped"
     ]
-    return (*shared, *own)
+    tilts = [Unknown(TILT, k) for k, recording in enumerate(recordings) if recording.planar]
+    return (*shared, *own, *tilts)
 
 
 def acting(unknowns: Sequence[Unknown], jacobian: Floats) -> list[int]:

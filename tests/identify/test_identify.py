@@ -22,7 +22,7 @@ QUICK = IdentifySettings(bootstrap=100)
 
 @pytest.mark.parametrize(
     ("wire", "low", "high", "rms_m"),
-    [("wire_white", 0.7e-4, 1.4e-4, 5e-3), ("wire_black", 0.7e-3, 1.5e-3, 15e-3)],
+    [("wire_white", 0.7e-4, 1.4e-4, 5e-3), ("wire_black", 0.7e-3, 1.5e-3, 12e-3)],
 )
 def test_real_wires(wire: str, low: float, high: float, rms_m: float) -> None:
     fit = identify([read_recording(WIRES / wire)], QUICK).fit
