@@ -160,7 +160,7 @@ def roll_out(
                         past[b, t - 1, i, k] = 0.0
             done = not alive
             lowest, least = 1e300, 1e300
-            fraction, shift = 1.0, 0.0
+            fraction, shift, enough = 1.0, 0.0, 0.0
             step, last_step = 1e300, 1e300
             converged = False
             count = 0
@@ -201,13 +201,16 @@ def roll_out(
                             upper[b, r, 0] += shift * scale_of(r, scale_x, scale_t)
                     stands = factor(upper, lower, b, rows, symmetric, 1) > 0
                     if stands:
-                        # not positive definite, a rope about to buckle: the same again, with a shift
-                        shift = ti.max(1e-3, 4.0 * shift)
+                        # not positive definite, a rope about to buckle: the same again with a shift, which
+                        # begins a little below the one that was enough before
+                        shift = ti.max(1e-3, 4.0 * ti.max(shift, enough / 64.0))
+                        count -= 1
                         if shift > 1e12:
                             done = True
                             status[b, t - 1] = NOT_FINITE
                             alive = False
                     else:
+                        enough = shift
                         shift = 0.0
                         solve(upper, lower, b, y, b, 0, rows)
                         # column 1 keeps the step while the line search looks along it
