@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import zipfile
 from dataclasses import asdict, dataclass, field
+from io import BytesIO
 from pathlib import Path
 
 import cv2
@@ -16,7 +18,7 @@ from dlolib.lab.play import LabRun, play
 from dlolib.lab.rope import LabRope
 from dlolib.lab.scene import build_scene
 from dlolib.progress import track
-from dlolib.types import CaptureIndex, Ends, Motion, Obstacle, Pose, Rope
+from dlolib.types import CaptureIndex, Ends, Floats, Motion, Obstacle, Pose, Rope
 
 GRAVITY_M_S2 = (0.0, 0.0, -9.81)
 
@@ -99,4 +101,15 @@ def _write_truth(experiment: Experiment, run: LabRun, folder: Path) -> None:
     clearance = run.min_clearance_m if np.isfinite(run.min_clearance_m) else None
     content = {"format": "dlo-truth/1", **rope, "torsional_stiffness_n_m2": rope["bending_stiffness_n_m2"]}
     write_json(folder / "truth.json", content | {"min_clearance_m": clearance})
-    np.savez(folder / "shapes.npz", t_s=run.t_s, s_m=run.s_m, xyz_m=run.xyz_m, plastic_1_m=run.plastic_1_m)
+    _write_arrays(
+        folder / "shapes.npz", t_s=run.t_s, s_m=run.s_m, xyz_m=run.xyz_m, plastic_1_m=run.plastic_1_m
+    )
+
+
+def _write_arrays(path: Path, **arrays: Floats) -> None:
+    """As `numpy.savez` does, but with headers that do not depend on Python's own version."""
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, values in arrays.items():
+            buffer = BytesIO()
+            np.lib.format.write_array(buffer, np.asarray(values), allow_pickle=False)
+            archive.writestr(zipfile.ZipInfo(f"{name}.npy"), buffer.getvalue())
