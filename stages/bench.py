@@ -13,7 +13,6 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from importlib.util import find_spec
-from itertools import pairwise
 from pathlib import Path as File
 from typing import Any
 
@@ -26,16 +25,15 @@ from dlolib.files import write_json
 from dlolib.formats import read_layout
 from dlolib.identify.identify import CORRECTIONS, FINER
 from dlolib.learn import learn
-from dlolib.sim import simulate
-from dlolib.sim.effects import EFFECTS
 from dlolib.sim.recording import RecordingModel
 from dlolib.sim.rod import Rod, scene
 from dlolib.sim.scene import Scene
-from dlolib.sim.simulate import Clock, Rollout, State, gradient, roll_out, sensitivities
+from dlolib.sim.simulate import Clock, Rollout, State, gradient, roll_out
 from dlolib.sim.simulate import Path as SimPath
 from dlolib.sim.start import settle
-from dlolib.types import Ends, Floats, Motion, Obstacle, Points, Recording
+from dlolib.types import Ends, Floats, Obstacle, Points, Recording
 from stages import DATA, REPORTS, peers, run
+from stages.gradients import derivative_errors
 from stages.learn import settings as learn_settings
 from stages.peers import EI, GJ, GRAVITY, MOTION, ROPE, STEP_S, STEPS, Race
 
@@ -422,71 +420,9 @@ def memory() -> Iterator[Figure]:
     yield Figure(float(done.stdout), said)
 
 
-# Where each effect's parameters are differentiated: values at which it acts.
-ACTING: dict[str, dict[str, float]] = {
-    "rest_curvature": {"kappa_1": 0.5, "kappa_2": 2.0},
-    "plastic_bending": {"yield_curvature": 6.0, "hardening_ratio": 0.2},
-    "internal_friction": {"saturation_curvature": 2.0, "transition_curvature": 4.0},
-    "viscoelastic_bending": {"modulus_ratio": 0.4, "relaxation_time": 0.3},
-    "nonlinear_bending": {"cubic": -2e-4},
-    "anisotropic_bending": {"stiffness_ratio": 1.5},
-    "stiffness_profile": {"s": 0.2, "factor": 0.5, "width": 0.1},
-    "mass_profile": {"s": 0.2, "mass": 0.003, "gradient": 0.3},
-    "axial_stretch": {"axial_stiffness": 50.0},
-    "end_angle": {"start_1": 0.05, "start_2": 0.1, "end_1": -0.05, "end_2": 0.1},
-    "end_compliance": {"start_stiffness": 0.01, "end_stiffness": 0.02},
-    "end_twist": {"start": 0.3, "end": -0.2},
-    "grasp_slip": {"length": 0.01, "time": 0.2, "duration": 0.1},
-    "length_error": {"relative": 0.01},
-    "lateral_load": {"x": 0.02, "y": 0.05, "z": -0.03},
-    "contact_friction": {"coefficient": 0.3},
-    "hidden_obstacle": {"x": 0.2, "y": 0.005, "z": -0.15, "radius": 0.03},
-    "inertia_drag": {"inertia": 1.0, "drag": 0.05},
-    "clock_offset": {"time": 0.015},
-    "camera_pose": {"rotation_1": 0.01, "rotation_2": 0.02, "rotation_3": -0.01, "depth": 0.003},
-}
-SHAPES = {
-    "cylinder": {"center_m": (0.2, 0.0, -0.17), "axis": (0, 1, 0), "radius_m": (0.03,), "height_m": (0.1,)},
-    "sphere": {"center_m": (0.2, 0.005, -0.17), "radius_m": (0.03,)},
-    "plane": {"point_m": (0.0, 0.0, -0.15), "normal": (0.05, 0.0, 1.0)},
-    "box": {"center_m": (0.2, 0.0, -0.18), "quaternion": (1, 0, 0, 0), "size_m": (0.08, 0.1, 0.06)},
-}
-PARTICLES = 20
-# Newton's tolerance under differences, which see what it leaves.
-SHARP_M = 1e-11
-ROWS = 41
-
-
-def _gradient_errors() -> tuple[dict[str, float], list[str]]:
-    """Relative error of each derivative, and those left out: an event changed within the stencil."""
-    errors: dict[str, float] = {}
-    left_out: list[str] = []
-    for name, recording, rod, parameters in _cases():
-        model = RecordingModel(recording, PARTICLES, STEP_S)
-        by_sensitivity = model.predict(rod, parameters).by_parameter
-        for k, parameter in enumerate(parameters):
-            # a narrower stencil where a joint is near its yield surface
-            true, events = _extrapolated(model, rod, parameter, 4e-4)
-            if events:
-                true, events = _extrapolated(model, rod, parameter, 2e-5)
-            label = f"{name}: {parameter}"
-            if events:
-                left_out.append(label)
-                continue
-            scale = float(np.linalg.norm(true))
-            if scale > 0:
-                errors[label] = float(np.linalg.norm(by_sensitivity[..., k] - true)) / scale
-        errors[f"{name}: adjoint"] = _adjoint_error(model, rod, parameters)
-    return errors, left_out
-
-
 def gradients() -> Iterator[Figure]:
     """Forward sensitivities and adjoint of every effect's parameters against extrapolated differences."""
-    usual, simulate.TOLERANCE = simulate.TOLERANCE, SHARP_M
-    try:
-        errors, left_out = _gradient_errors()
-    finally:
-        simulate.TOLERANCE = usual
+    errors, left_out, idle = derivative_errors()
     worst = sorted(errors, key=lambda label: -errors[label])
     share = 100 * len(left_out) / (len(left_out) + len(errors))
     first = ", ".join(f"{label} {errors[label]:.1e}" for label in worst[:4])
@@ -495,86 +431,9 @@ def gradients() -> Iterator[Figure]:
         errors[worst[0]],
         f"{len(errors)} derivatives; worst: {first}; median {float(np.median(list(errors.values()))):.1e}. "
         "Sensitivities against Richardson's differences, "
-        f"adjoint against sensitivities; an event changed within the stencil in {share:.0f} %{listed}",
+        f"adjoint against sensitivities; an event changed within the stencil in {share:.0f} %{listed}; "
+        f"{len(idle)} move nothing{': ' + ', '.join(idle) if idle else ''}",
     )
-
-
-def _cases() -> Iterator[tuple[str, Recording, Rod, list[str]]]:
-    """Every effect on a short arc, and every shape, smooth and rough: name, recording, rod, parameters."""
-    own = ["bending_stiffness", "torsional_stiffness"]
-    for effect in EFFECTS:
-        values = {f"{effect}.{name}": value for name, value in ACTING.get(effect, {}).items()}
-        rod = Rod(ROPE, EI, GJ, values, PARTICLES)
-        timed = effect in ("viscoelastic_bending", "inertia_drag", "clock_offset")
-        obstacles = (Obstacle("cylinder", SHAPES["cylinder"]),) if effect == "contact_friction" else ()
-        yield effect, _short(obstacles, not timed), rod, [*own, *values]
-    for shape, values in SHAPES.items():
-        friction = {"contact_friction.coefficient": 0.3}
-        for name, effects in ((shape, {}), (f"rough {shape}", friction)):
-            yield name, _short((Obstacle(shape, values),), True), Rod(ROPE, EI, GJ, effects, PARTICLES), own
-
-
-def _short(obstacles: tuple[Obstacle, ...], quasi_static: bool) -> Recording:
-    """An arc of a tenth of the rows that leaves its plane, five frames."""
-    rows = np.linspace(0, STEPS // 2, ROWS).astype(int)
-    end = MOTION.end_m[rows].copy()
-    end[:, 1] += 0.02 * np.sin(np.linspace(0, 3, ROWS))
-    t = STEP_S * np.arange(ROWS)
-    motion = Motion(t, MOTION.start_m[rows], MOTION.start_q[rows], end, MOTION.end_q[rows])
-    frames, s = np.arange(8, ROWS, 8), np.linspace(0, ROPE.length_m, 12)
-    count = len(frames)
-    points = Points(
-        np.repeat(np.arange(count), 12),
-        np.repeat(t[frames], 12),
-        np.tile(s, count),
-        np.zeros((12 * count, 3)),
-    )
-    return Recording("short", ROPE, GRAVITY, Ends(), motion, points, obstacles, quasi_static=quasi_static)
-
-
-def _extrapolated(model: RecordingModel, rod: Rod, name: str, share: float) -> tuple[Floats, bool]:
-    """Extrapolated central differences from a share of the value; and whether an event changed within."""
-    value = rod.value(name)
-    step = share * (abs(value) or 1.0)
-    events = _events(model, rod)
-    changed, columns = False, []
-    for width in (step, step / 2, step / 4):
-        sides = [rod.with_values({name: value + sign * width}) for sign in (1, -1)]
-        changed = changed or any(not np.array_equal(events, _events(model, one)) for one in sides)
-        ahead, behind = (model.predict(one).xyz_m for one in sides)
-        columns.append((ahead - behind) / (2 * width))
-    first = [(4 * fine - coarse) / 3 for coarse, fine in pairwise(columns)]
-    return (16 * first[1] - first[0]) / 15, changed
-
-
-def _events(model: RecordingModel, rod: Rod) -> Floats:
-    """Branches of the laws and of friction, over the whole motion."""
-    moved = model.roll_out(rod)
-    return np.concatenate([moved.past[0, :, :, 2::3].ravel(), moved.sliding[0].ravel()])
-
-
-def _adjoint_error(model: RecordingModel, rod: Rod, parameters: list[str]) -> float:
-    """The adjoint's derivatives of a random linear loss against the sensitivities', of one roll-out."""
-    from dlolib.sim.recording import varied
-    from dlolib.sim.rod import scene_of
-    from dlolib.sim.simulate import Case, Variation
-
-    moved = model.roll_out(rod)
-    ways = []
-    for name in parameters:
-        ahead, behind, width = varied(rod, name)
-        cases = []
-        for one in (ahead, behind):
-            made = model.setup(one)
-            cases.append(Case(scene_of([made]), model.path(made, model.times(made))))
-        ways.append(Variation(cases[0], cases[1], width))
-    weights = np.random.default_rng(0).normal(size=moved.x.shape)
-    weights[:, 0] = 0.0
-    back = gradient(moved, weights, variations=ways).parameter[0]
-    out, _ = sensitivities(moved, ways, np.arange(1, moved.x.shape[1]))
-    forward_ = np.einsum("tcnk,tnk->c", out[0], weights[0, 1:])
-    scale = np.linalg.norm(forward_)
-    return float(np.linalg.norm(back - forward_) / scale) if scale else 0.0
 
 
 SCORES = {

@@ -37,6 +37,7 @@ TRIES = {
     ),
     "viscoelastic_bending": Try({"modulus_ratio": 0.4, "relaxation_time": 3.0}),
     "nonlinear_bending": Try({"cubic": -0.003}, ("bending_stiffness", "anisotropic_bending.stiffness_ratio")),
+    # softer about the second axis the rope would buckle sideways, and have no derivative there
     "anisotropic_bending": Try({"stiffness_ratio": 1.5}),
     "stiffness_profile": Try({"s": 0.2, "factor": 0.5, "width": 0.04}),
     "mass_profile": Try({"s": 0.3, "mass": 0.002, "gradient": 0.1}),
@@ -58,7 +59,7 @@ TRIES = {
 
 
 def recording(table: bool = False) -> Recording:
-    """The gripper swings out and back, and turns; the points are where nobody looked."""
+    """The gripper swings out and back; the points are where nobody looked."""
     t_s = np.linspace(0, 6, 61)
     way = np.concatenate([swing(31), swing(31)[-2::-1]])
     held = np.tile(LEVEL, (61, 1))

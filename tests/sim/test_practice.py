@@ -13,6 +13,7 @@ from dlolib.sim.rod import Rod
 PRACTICE = Path("../shared/data/practice")
 NAMES = (
     "practice_none",
+    "practice_none_correlated",
     "practice_none_hold",
     "practice_none_roll",
     "practice_friction",
