@@ -18,11 +18,12 @@ from dlolib.cli_values import RopeValues, parse_effects, parse_values, rope_valu
 from dlolib.errors import DloError, ParameterError
 
 if TYPE_CHECKING:
+    from dlolib.diagnose import DiagnoseSettings
     from dlolib.identify import IdentifySettings
     from dlolib.learn import LearnSettings
     from dlolib.params import Params
     from dlolib.sim.rod import Rod
-    from dlolib.types import Fit
+    from dlolib.types import Fit, Recording
 
 UNUSABLE, INTERRUPTED = 2, 130
 HELP = """A rope's stiffness from depth images, and motions that shape it without contact.
@@ -43,6 +44,13 @@ Effects = Annotated[
         metavar="NAME:PARAM=VALUE,...",
         help="Further physics, such as plastic_bending:yield_curvature=8.",
     ),
+]
+QuasiStatic = Annotated[
+    Literal["true", "false"] | None,
+    typer.Option("--quasi-static", metavar="BOOL", help="In the place of what the recording says."),
+]
+VerdictFile = Annotated[
+    Path | None, typer.Option("--verdict", metavar="FILE", help="verdict.json of `dlo diagnose`.")
 ]
 FitFile = Annotated[Path | None, typer.Option("--fit", metavar="FILE", help="fit.json of `dlo identify`.")]
 
@@ -113,22 +121,17 @@ def simulate(
     values: Values = None,
     effects: Effects = None,
     fit: FitFile = None,
-    quasi_static: Annotated[
-        Literal["true", "false"] | None,
-        typer.Option("--quasi-static", metavar="BOOL", help="In the place of what the recording says."),
-    ] = None,
+    verdict: VerdictFile = None,
+    quasi_static: QuasiStatic = None,
 ) -> None:
     """Simulate a recording's points with a rod under the recording's own motion: dlo-recording/1."""
-    from dlolib.formats import read_fit, read_recording, write_recording
+    from dlolib.formats import read_recording, write_recording
     from dlolib.identify import FINER, particles_for
     from dlolib.sim.recording import simulated
 
-    read = read_recording(recording)
-    known = rope_values(
-        read.rope, read.name, None if fit is None else read_fit(fit), parse_values(values or [])
-    )
-    static = read.quasi_static if quasi_static is None else quasi_static == "true"
-    given = replace(read, rope=known.rope, quasi_static=static)
+    read = _timed(read_recording(recording), quasi_static)
+    known = rope_values(read.rope, read.name, _known(fit, verdict), parse_values(values or []))
+    given = replace(read, rope=known.rope)
     known = replace(known, parameters={**known.parameters, **parse_effects(effects or [])})
     settings = _identify_settings()
     # as fine as the mesh that identification corrects to, so that a fit is played back as it was made
@@ -158,21 +161,50 @@ def identify(
 
 
 @app.command()
+def diagnose(
+    recordings: Annotated[list[Path], typer.Argument(help="Recording folders, all of one object.")],
+    out: Out,
+    without: Annotated[
+        list[str] | None,
+        typer.Option("--without", metavar="EFFECT", help="Take an effect out of the library."),
+    ] = None,
+    quasi_static: QuasiStatic = None,
+) -> None:
+    """Say what physics an elastic rod leaves out of recordings: verdict.json, figures, the next motion."""
+    from dlolib.diagnose import diagnose as diagnose_recordings
+    from dlolib.diagnose import write_diagnosis
+    from dlolib.files import whole_folder
+    from dlolib.formats import read_recording
+    from dlolib.report import draw_diagnosis
+    from dlolib.sim.effects import EFFECTS
+
+    for name in without or []:
+        if name not in EFFECTS:
+            problem = f"unknown effect {name!r}"
+            raise ParameterError(problem, place="--without", mend=f"choose from {', '.join(sorted(EFFECTS))}")
+    given = [_timed(read_recording(folder), quasi_static) for folder in recordings]
+    diagnosis = diagnose_recordings(given, _diagnose_settings(tuple(without or ())))
+    with whole_folder(out) as folder:
+        write_diagnosis(diagnosis, folder)
+        draw_diagnosis(folder)
+    _say(diagnosis.verdict.summary)
+
+
+@app.command()
 def learn(
     layout: Annotated[Path, typer.Argument(help="A layout folder: the goal shape and the obstacles.")],
     out: Out,
     fit: FitFile = None,
+    verdict: VerdictFile = None,
     values: Values = None,
 ) -> None:
     """Learn how to move the held end so that the rope reaches the goal shape without contact."""
-    from dlolib.formats import read_fit, read_layout
+    from dlolib.formats import read_layout
     from dlolib.learn import learn as learn_layout
     from dlolib.learn import write_learned
 
     goal, settings = read_layout(layout), _learn_settings()
-    known = rope_values(
-        goal.rope, goal.name, None if fit is None else read_fit(fit), parse_values(values or [])
-    )
+    known = rope_values(goal.rope, goal.name, _known(fit, verdict), parse_values(values or []))
     learned = learn_layout(replace(goal, rope=known.rope), _rod(known, settings.particles), settings)
     write_learned(learned, out)
     kept = learned.kept
@@ -251,6 +283,22 @@ def _params() -> Params | None:
     return load() if PARAMS.is_file() else None
 
 
+def _known(fit: Path | None, verdict: Path | None) -> Fit | None:
+    """Stored parameters: of a fit or of a verdict's winning model."""
+    from dlolib.formats import read_fit, read_verdict
+
+    if fit is not None and verdict is not None:
+        raise ParameterError("two sets of parameters", place="--fit and --verdict", mend="give one of them")
+    if verdict is not None:
+        return read_verdict(verdict).fit
+    return None if fit is None else read_fit(fit)
+
+
+def _timed(recording: Recording, quasi_static: str | None) -> Recording:
+    """The recording, quasi-static or not as said."""
+    return recording if quasi_static is None else replace(recording, quasi_static=quasi_static == "true")
+
+
 def _rod(known: RopeValues, particles: int) -> Rod:
     from dlolib.sim.rod import Rod
 
@@ -278,6 +326,22 @@ def _identify_settings() -> IdentifySettings:
     )
 
 
+def _diagnose_settings(without: tuple[str, ...]) -> DiagnoseSettings:
+    """Settings of the diagnosis and of the rod that it fits."""
+    from dlolib.diagnose import DiagnoseSettings
+
+    params = _params()
+    if params is None:
+        return DiagnoseSettings(without=without)
+    rod, block = params.rod, params.diagnose
+    return DiagnoseSettings(
+        **{**block.model_dump(), "without": (*block.without, *without)},
+        particles=rod.particles,
+        longest_segment_m=rod.longest_segment_m,
+        time_step_s=rod.time_step_s,
+    )
+
+
 def _learn_settings() -> LearnSettings:
     """Settings of learning and of the rod that it drives."""
     from dlolib.learn import LearnSettings
@@ -287,7 +351,7 @@ def _learn_settings() -> LearnSettings:
         return LearnSettings()
     block = params.learn
     return LearnSettings(
-        **block.model_dump(exclude={"fit_of", "ablation", "bounds", "hidden"}),
+        **block.model_dump(exclude={"verdict_of", "ablation", "bounds", "hidden"}),
         particles=params.rod.particles,
         hidden=(block.hidden[0], block.hidden[1]),
         bounds=(

@@ -120,6 +120,21 @@ class Identify(Block):
     paper: PaperDescent
 
 
+class Diagnose(Block):
+    """What physics is missing: `dlolib.diagnose.DiagnoseSettings`."""
+
+    without: list[str]
+    alarm: Positive
+    second: Positive
+    tie: NotNegative
+    most_effects: Annotated[int, Field(ge=1, le=2)]
+    starts: Count
+    partners: Count
+    workers: Count
+    heldout_share: Annotated[float, Field(ge=0, lt=1)]
+    seed: Seed
+
+
 class ArcBounds(Block):
     """The paper's Λ: bounds of one sub-trajectory's parameters."""
 
@@ -141,7 +156,7 @@ class Ablation(Block):
 class Learn(Block):
     """From a goal shape to a trajectory."""
 
-    fit_of: Name
+    verdict_of: Name
     iterations: Count
     rate: Positive
     forgetting: Annotated[float, Field(ge=0, lt=1)]
@@ -181,6 +196,7 @@ class Params(Block):
     chain: Chain
     recordings: Annotated[dict[Name, RecordingEntry], Field(min_length=1)]
     identify: Identify
+    diagnose: Diagnose
     layouts: Annotated[list[Name], Field(min_length=1)]
     learn: Learn
     execute: Execute
@@ -197,9 +213,9 @@ def load(path: Path = PARAMS) -> Params:
         ParameterError: names file, line, key and mend.
     """
     params = _validated(Params, _read(path), path, ())
-    if params.learn.fit_of not in params.recordings:
+    if params.learn.verdict_of not in params.recordings:
         raise _unknown_name(
-            params.learn.fit_of, list(params.recordings), path, ("learn", "fit_of"), "recordings"
+            params.learn.verdict_of, list(params.recordings), path, ("learn", "verdict_of"), "recordings"
         )
     if params.learn.ablation.layout not in params.layouts:
         place = ("learn", "ablation", "layout")

@@ -208,3 +208,110 @@ class Fit:
     frames: int
     points: int
     nuisances: Mapping[str, Mapping[str, Estimate]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Quality:
+    """How a model fits: its parameters, the RMS distances [m], and the test of its slow residuals."""
+
+    parameters: Mapping[str, Estimate]
+    rmse_m: float
+    heldout_rmse_m: float | None
+    statistic: float
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Place:
+    """A stretch of rope, and of frames, of a recording in which the models differ from what was seen.
+
+    force_n is what would have to act there beside an elastic rod; it is null where a moment would.
+    """
+
+    recording: str
+    s_m: tuple[float, float]
+    frames: tuple[int, int]
+    phase: str
+    strength: float
+    probe: str
+    needed: tuple[float, ...]
+    unit: str
+
+
+@dataclass(frozen=True)
+class Named:
+    """An effect of the winning model. where: {s_m, frames} or null."""
+
+    name: str
+    probability: float
+    parameters: Mapping[str, Estimate]
+    where: Mapping[str, tuple[float, float] | None] | None
+    says: str
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One model that was fitted."""
+
+    effects: tuple[str, ...]
+    kind: Literal["library", "wrong_same_size", "black_box"]
+    delta_bic: float
+    heldout_delta_chi2: float | None
+    heldout_delta_chi2_se: float | None
+    low_mode_energy: float
+    rmse_m: float
+    heldout_rmse_m: float | None
+
+
+@dataclass(frozen=True)
+class Detectable:
+    """The smallest size of an effect that would have been seen; null: none would."""
+
+    name: str
+    parameter: str
+    value: float | None
+    unit: str
+
+
+@dataclass(frozen=True)
+class NextMotion:
+    """A motion that would separate two models."""
+
+    file: str
+    why: str
+    separates: tuple[tuple[str, ...], tuple[str, ...]]
+    expected_delta_bic: float
+
+
+@dataclass(frozen=True)
+class SeenNoise:
+    """The noise that the diagnosis reckons with, and where it comes from."""
+
+    sigma_m: float
+    correlation_points: float
+    correlation_frames: float
+    source: str
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a diagnosis says (format "dlo-verdict/1")."""
+
+    summary: str
+    recordings: tuple[str, ...]
+    status: Literal["no_mismatch", "explained", "ambiguous", "unexplained"]
+    noise: SeenNoise
+    baseline: Quality
+    nuisances: Mapping[str, Mapping[str, Estimate]]
+    where: tuple[Place, ...]
+    effects: tuple[Named, ...]
+    candidates: tuple[Candidate, ...]
+    equivalent: tuple[tuple[str, ...], ...]
+    augmented: Quality
+    detectable: tuple[Detectable, ...]
+    next_motion: NextMotion | None = None
+
+    @property
+    def fit(self) -> Fit:
+        """The winning model as simulate, identify and learn take it."""
+        return Fit(self.augmented.parameters, self.augmented.rmse_m, 0, 0, self.nuisances)

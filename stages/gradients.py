@@ -141,17 +141,16 @@ def _events(model: RecordingModel, rod: Rod) -> Floats:
 
 def _adjoint_error(model: RecordingModel, rod: Rod, parameters: list[str]) -> float:
     """The adjoint's derivatives of a random linear loss against the sensitivities', of one roll-out."""
-    from dlolib.sim.recording import varied
+    from dlolib.sim.recording import sides_of
     from dlolib.sim.rod import scene_of
     from dlolib.sim.simulate import Case, Variation
 
     moved = model.roll_out(rod)
     ways = []
     for name in parameters:
-        ahead, behind, width = varied(rod, name)
+        *sides, width = sides_of(model, rod, name)
         cases = []
-        for one in (ahead, behind):
-            made = model.setup(one)
+        for made in sides:
             cases.append(Case(scene_of([made]), model.path(made, model.times(made))))
         ways.append(Variation(cases[0], cases[1], width))
     weights = np.random.default_rng(0).normal(size=moved.x.shape)

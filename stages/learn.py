@@ -6,7 +6,7 @@ import sys
 from dataclasses import replace
 
 from dlolib.cli_values import rope_values
-from dlolib.formats import read_fit, read_layout
+from dlolib.formats import read_layout, read_verdict
 from dlolib.learn import LearnSettings, ablate, learn, write_learned
 from dlolib.params import Learn, Rod, load_block
 from dlolib.sim.rod import Rod as SimulatedRod
@@ -17,7 +17,7 @@ from stages import DATA, REPORTS, run, write_metrics
 def main(name: str) -> None:
     block = load_block(Learn)
     layout = read_layout(DATA / "layouts" / name)
-    rod = identified_rod(layout, block.fit_of)
+    rod = diagnosed_rod(layout, block.verdict_of)
     learned = learn(layout, rod, settings())
     ablation = None
     if block.ablation.layout == name:
@@ -29,7 +29,7 @@ def main(name: str) -> None:
 def settings() -> LearnSettings:
     """The blocks `rod` and `learn` as learning takes them."""
     rod, block = load_block(Rod), load_block(Learn)
-    given = block.model_dump(exclude={"fit_of", "ablation", "bounds", "hidden"})
+    given = block.model_dump(exclude={"verdict_of", "ablation", "bounds", "hidden"})
     return LearnSettings(
         **given,
         particles=rod.particles,
@@ -38,10 +38,10 @@ def settings() -> LearnSettings:
     )
 
 
-def identified_rod(layout: Layout, fit_of: str) -> SimulatedRod:
-    """The layout's rope with the stiffness that was identified on the recording `fit_of`."""
-    fit = read_fit(REPORTS / "identify" / fit_of / "fit.json")
-    known = rope_values(layout.rope, layout.name, fit, {})
+def diagnosed_rod(layout: Layout, verdict_of: str) -> SimulatedRod:
+    """The layout's rope with the physics that the diagnosis found in the recording `verdict_of`."""
+    verdict = read_verdict(REPORTS / "diagnose" / verdict_of)
+    known = rope_values(layout.rope, layout.name, verdict.fit, {})
     return SimulatedRod.of(known.rope, known.parameters)
 
 

@@ -6,6 +6,7 @@ from dlolib.formats.geometry import nearest_distance, signed_distance
 from dlolib.formats.layout import read_layout, write_layout
 from dlolib.formats.motion import interpolate_motion, read_motion, write_motion
 from dlolib.formats.recording import read_recording, write_recording
+from dlolib.formats.verdict import read_verdict, write_verdict
 
 __all__ = [
     "interpolate_motion",
@@ -15,6 +16,7 @@ __all__ = [
     "read_layout",
     "read_motion",
     "read_recording",
+    "read_verdict",
     "signed_distance",
     "write_capture_index",
     "write_capture_json",
@@ -22,4 +24,5 @@ __all__ = [
     "write_layout",
     "write_motion",
     "write_recording",
+    "write_verdict",
 ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 import pandas as pd
@@ -70,7 +71,17 @@ class Identified:
     heldout_frames: int
 
 
-def particles_for(length_m: float, settings: IdentifySettings) -> int:
+class Mesh(Protocol):
+    """How finely a rope is discretised."""
+
+    @property
+    def particles(self) -> int: ...
+
+    @property
+    def longest_segment_m(self) -> float: ...
+
+
+def particles_for(length_m: float, settings: Mesh) -> int:
     """n for a rope of this length: no segment is longer than `longest_segment_m`."""
     return max(settings.particles, int(np.ceil(length_m / settings.longest_segment_m)) + 1)
 
@@ -113,7 +124,7 @@ def _begin(recordings: Sequence[Recording], settings: IdentifySettings) -> tuple
     density = rods[0].linear_density
 
     def coordinates(ratio: float) -> Floats:
-        return np.array([u.inward(ratio * density) if u.logarithmic else 0.0 for u in problem.unknowns])
+        return np.array([u.inward(ratio * density) if u.stiffness else 0.0 for u in problem.unknowns])
 
     costs = [float(np.sum(problem.residuals(coordinates(ratio)) ** 2)) for ratio in FIRST_STIFFNESS_M4_S2]
     return problem, coordinates(FIRST_STIFFNESS_M4_S2[int(np.argmin(costs))])
@@ -123,7 +134,7 @@ def _best_start(problem: Problem, theta: Floats, settings: IdentifySettings, his
     """The best optimum from several stiffnesses: a taut or a stiff rope has others, far from the truth."""
     found: list[tuple[float, Floats, list[Floats]]] = []
     for factor in START_FACTORS:
-        start = theta + np.array([np.log(factor) if u.logarithmic else 0.0 for u in problem.unknowns])
+        start = theta + np.array([np.log(factor) if u.stiffness else 0.0 for u in problem.unknowns])
         steps: list[Floats] = []
         try:
             end = _solve(problem, start, settings, steps)
@@ -259,14 +270,14 @@ def rms(values: Floats) -> float:
 
 def _estimate(problem: Problem, unknown: Unknown, value: float, low: float, high: float) -> Estimate:
     unit = unit_of(unknown.name)
-    if unknown.logarithmic and not _weighed(problem):
+    if unknown.stiffness and not _weighed(problem):
         unit = "m^4/s^2"
     return Estimate(unknown.outward(value), unknown.outward(low), unknown.outward(high), unit)
 
 
 def estimate_name(problem: Problem, unknown: Unknown) -> str:
     """The parameter's name in fit.json: stiffness over density where the density was not measured."""
-    ratio = unknown.logarithmic and not _weighed(problem)
+    ratio = unknown.stiffness and not _weighed(problem)
     return f"{unknown.name}_over_density" if ratio else unknown.name
 
 

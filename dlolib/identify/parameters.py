@@ -17,8 +17,8 @@ TILT = "lateral_load.x"
 REST_CURVATURES = ("rest_curvature.kappa_1", "rest_curvature.kappa_2")
 # A parameter that moves no point by this much when it changes by its scale does not act.
 ACTS_M = 1e-5
-# What counts as a change of one in a stiffness: a tenth.
-STIFFNESS_SCALE = 0.1
+# What counts as a change of one in what is fitted by its logarithm: a tenth.
+LOGARITHM_SCALE = 0.1
 
 
 @dataclass(frozen=True)
@@ -30,21 +30,26 @@ class Unknown:
 
     @property
     def logarithmic(self) -> bool:
-        """Stiffnesses are positive and may be off by decades: the fit moves in their logarithm."""
+        """What is positive may be off by decades: the fit moves in its logarithm."""
+        return self.stiffness or parameter(self.name).low > 0
+
+    @property
+    def stiffness(self) -> bool:
+        """Whether it is EI or GJ."""
         return self.name in STIFFNESSES
 
     @property
     def scale(self) -> float:
         """A change of one, in the fit's own coordinate."""
-        return STIFFNESS_SCALE if self.logarithmic else parameter(self.name).scale
+        return LOGARITHM_SCALE if self.logarithmic else parameter(self.name).scale
 
     @property
     def bounds(self) -> tuple[float, float]:
         """Of the fit's own coordinate."""
-        if self.logarithmic:
+        if self.stiffness:
             return -np.inf, np.inf
         known = parameter(self.name)
-        return known.low, known.high
+        return self.inward(known.low), self.inward(known.high)
 
     def inward(self, value: float) -> float:
         """From the parameter to the fit's coordinate."""

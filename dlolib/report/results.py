@@ -13,10 +13,10 @@ import numpy as np
 import pandas as pd
 
 from dlolib.errors import FormatError
-from dlolib.formats import read_capture_index, read_fit, read_layout, read_recording
+from dlolib.formats import read_capture_index, read_fit, read_layout, read_recording, read_verdict
 from dlolib.formats.recording import points_table
 from dlolib.report.measures import ChainError, chain_error
-from dlolib.types import CaptureIndex, Fit, Floats, Layout, Recording
+from dlolib.types import CaptureIndex, Fit, Floats, Layout, Recording, Verdict
 
 CAPTURED = "captured"
 """The recording that the chain stage makes of the capture; the others were recorded elsewhere."""
@@ -68,6 +68,15 @@ class Results:
         """What identification found for a recording."""
         path = self.folder / "identify" / name / "fit.json"
         return read_fit(path) if path.is_file() else None
+
+    def verdict(self, name: str) -> Verdict:
+        """What the diagnosis says of a recording."""
+        return read_verdict(self.folder / "diagnose" / name)
+
+    @cached_property
+    def diagnosed(self) -> tuple[str, ...]:
+        """Names of the diagnosed recordings: the captured one first, then by name."""
+        return tuple(sorted(_folders(self.folder / "diagnose"), key=lambda name: (name != CAPTURED, name)))
 
     @cached_property
     def recordings(self) -> tuple[str, ...]:

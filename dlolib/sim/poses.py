@@ -17,7 +17,7 @@ from scipy.interpolate import CubicSpline
 from dlolib.formats import interpolate_motion
 from dlolib.sim.effects.base import Setup
 from dlolib.sim.observe import point_weights, seen, turned, viewing_axis
-from dlolib.sim.recording import Prediction, RecordingModel, held_path, largest_step, varied
+from dlolib.sim.recording import Prediction, RecordingModel, Sides, held_path, largest_step, sides_of
 from dlolib.sim.rod import Rod, scene_of, setup
 from dlolib.sim.simulate import Case, Path, Rollout, State, Variation, sensitivities
 from dlolib.sim.start import frames_along, settle
@@ -65,14 +65,16 @@ class PosesModel:
 
     def predict(self, rod: Rod, parameters: Sequence[str] = ()) -> Prediction:
         """Simulate the recording's points and, by forward sensitivities, their derivatives."""
+        return self.respond(rod, [sides_of(self, rod, name) for name in parameters])
+
+    def respond(self, rod: Rod, sides: Sequence[Sides]) -> Prediction:
+        """The same with derivatives by whatever tells each two set-ups from the rod's own."""
         rollout = self.roll_out(rod)
         weights, which, axis = self._weights, self._which, viewing_axis(self.recording)
         camera = self.setup(rod).camera
         xyz = np.einsum("pn,pnk->pk", weights, rollout.x[which, 1])
-        if not parameters:
+        if not sides:
             return Prediction(seen(xyz, camera, axis), np.zeros((*xyz.shape, 0)))
-        pairs = [varied(rod, name) for name in parameters]
-        sides = [(self.setup(ahead), self.setup(behind), width) for ahead, behind, width in pairs]
         ways = [Variation(self._case(one), self._case(other), width) for one, other, width in sides]
         out = sensitivities(rollout, ways, np.array([1]))[0][:, 0]
         moved = turned(np.einsum("pn,pmnk->pmk", weights, out[which]), camera)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -21,6 +22,7 @@ from dlolib.sim.simulate import (
     Clock,
     Path,
     Rollout,
+    State,
     Variation,
     roll_out,
     sensitivities,
@@ -32,6 +34,12 @@ from dlolib.types import Floats, Motion, Pose, Recording
 # branch where several equilibria exist; a rope that remembers its way takes shorter ones.
 LARGEST_MOVE_M, LARGEST_TURN_RAD = 0.01, 0.1
 REMEMBERED = 0.4
+# A difference for a derivative is no smaller a share of the value than this.
+LEAST_DIFFERENCE = 1e-9
+
+
+Made = TypeVar("Made")
+Sides = tuple[Setup, Setup, float]
 
 
 @dataclass(frozen=True)
@@ -83,20 +91,38 @@ class RecordingModel:
         step_s = self.step_s if made.moving else None
         if made.moving and step_s is None:
             raise ParameterError("a dynamic recording needs a time step", mend="give rod.time_step_s")
-        return _step_times(self.recording, step_s, REMEMBERED if made.path_dependent else 1.0)
+        return self._times[made.path_dependent, step_s]
+
+    @cached_property
+    def _times(self) -> dict[tuple[bool, float | None], Floats]:
+        """The steps' times by whether the rope remembers its way, and by the clock."""
+        clocks = (None,) if self.step_s is None else (None, self.step_s)
+        return {
+            (remembers, step_s): _step_times(self.recording, step_s, REMEMBERED if remembers else 1.0)
+            for remembers in (False, True)
+            for step_s in clocks
+        }
 
     def _at_rest(self, made: Setup) -> Rollout:
-        rec, path = self.recording, self.path(made, self.times(made)[:1])
+        path = self.path(made, self.times(made)[:1])
+        return settle(scene_of([made]), self._first_shape(path), path)
+
+    def _first_shape(self, path: Path) -> State:
+        """Where the search for the equilibrium at the first pose begins."""
+        rec = self.recording
         poses = [Pose(path.x[0, 0, k], path.q[0, 0, k]) for k in range(2)]
-        state = first_shape(
-            rec.rope.length_m,
-            self.particles,
-            rec.ends,
-            poses[0] if rec.ends.start == "clamped" else None,
-            poses[1] if rec.ends.end == "clamped" else None,
-            rec.gravity_m_s2,
-        )
-        return settle(scene_of([made]), state, path)
+        start = poses[0] if rec.ends.start == "clamped" else None
+        end = poses[1] if rec.ends.end == "clamped" else None
+
+        def made() -> State:
+            return first_shape(rec.rope.length_m, self.particles, rec.ends, start, end, rec.gravity_m_s2)
+
+        return self._kept.get(("shape", *path.x[0, 0].ravel(), *path.q[0, 0].ravel()), made)
+
+    @cached_property
+    def _kept(self) -> Kept:
+        """What most rods share: paths and first shapes depend on how the rope is held alone."""
+        return Kept()
 
     def _moved(self, made: Setup, rest: Rollout) -> Rollout:
         path, state = self.path(made, self.times(made)), rest.final.at_rest()
@@ -108,6 +134,11 @@ class RecordingModel:
         return Clock(self.step_s if made.moving else None)
 
     def path(self, made: Setup, times: Floats) -> Path:
+        """The held poses at these of the set-up's own times."""
+        way = (made.delay_s, made.turns, made.rolls, made.slip, made.moving, made.path_dependent, len(times))
+        return self._kept.get(way, lambda: self._path(made, times))
+
+    def _path(self, made: Setup, times: Floats) -> Path:
         motion = interpolate_motion(self.recording.motion, times - made.delay_s)
         dt = np.diff(times, prepend=times[:1] - (self.step_s or 0.0 if made.moving else 0.0))
         gone = made.slip.gone(times) / self.recording.rope.length_m
@@ -116,6 +147,10 @@ class RecordingModel:
 
     def predict(self, rod: Rod, parameters: Sequence[str] = ()) -> Prediction:
         """Simulate the recording's points and, by forward sensitivities, their derivatives."""
+        return self.respond(rod, [sides_of(self, rod, name) for name in parameters])
+
+    def respond(self, rod: Rod, sides: Sequence[Sides]) -> Prediction:
+        """The same with derivatives by whatever tells each two set-ups from the rod's own."""
         made = self.setup(rod)
         rest = self._at_rest(made)
         rollout = self._moved(made, rest)
@@ -128,12 +163,10 @@ class RecordingModel:
             return np.asarray(np.einsum("pn,pnk->pk", self._weights, mixed))
 
         xyz = at_points(rollout.x[0, 1:], before, after)
-        if not parameters:
+        if not sides:
             return Prediction(seen(xyz, made.camera, axis), np.zeros((*xyz.shape, 0)))
         steps = np.unique(np.concatenate([before, after]))
         slot = np.searchsorted(steps, np.arange(len(times)))
-        pairs = [varied(rod, name) for name in parameters]
-        sides = [(self.setup(ahead), self.setup(behind), width) for ahead, behind, width in pairs]
         first = [self._variation(*side, times[:1]) for side in sides]
         _, tangent = sensitivities(rest, first, np.array([1]))
         ways = [self._variation(*side, times) for side in sides]
@@ -153,14 +186,39 @@ class RecordingModel:
         return Variation(one, other, width)
 
 
-def varied(rod: Rod, name: str) -> tuple[Rod, Rod, float]:
-    """The rod with a parameter a little more and a little less, and how much lies between."""
+class Kept:
+    """The last few results of something slow, by what they depend on; they are not to be written to."""
+
+    MOST = 64
+
+    def __init__(self) -> None:
+        self._results: dict[Hashable, Any] = {}
+
+    def get(self, key: Hashable, made: Callable[[], Made]) -> Made:
+        """The result kept under the key, or made now."""
+        if key not in self._results:
+            if len(self._results) == self.MOST:
+                self._results.pop(next(iter(self._results)))
+            self._results[key] = made()
+        return self._results[key]  # type: ignore[no-any-return]
+
+
+class Settable(Protocol):
+    """What puts a rod into its surroundings."""
+
+    def setup(self, rod: Rod) -> Setup: ...
+
+
+def sides_of(model: Settable, rod: Rod, name: str) -> Sides:
+    """The set-ups with a parameter a little more and a little less, and how much lies between."""
     value = rod.value(name)
     step = 1e-4 * value
     if name not in STIFFNESSES:
-        step = parameter(name).difference * parameter(name).scale
+        known = parameter(name)
+        step = max(known.difference * known.scale, LEAST_DIFFERENCE * abs(value))
     ahead, behind = value + step, value - step
-    return rod.with_values({name: ahead}), rod.with_values({name: behind}), ahead - behind
+    made = (model.setup(rod.with_values({name: side})) for side in (ahead, behind))
+    return (*made, ahead - behind)  # type: ignore[return-value]
 
 
 def held_path(motion: Motion, made: Setup) -> Path:
@@ -170,10 +228,9 @@ def held_path(motion: Motion, made: Setup) -> Path:
     frames[np.isnan(frames).any(axis=2)] = (1.0, 0.0, 0.0, 0.0)
     changed = frames.copy()
     for end in range(2):
-        turn = Rotation.from_rotvec([*made.turns[end], 0.0]) * Rotation.from_rotvec(
-            [0.0, 0.0, made.rolls[end]]
-        )
         if made.turns[end] != (0.0, 0.0) or made.rolls[end] != 0.0:
+            turn = Rotation.from_rotvec([*made.turns[end], 0.0])
+            turn = turn * Rotation.from_rotvec([0.0, 0.0, made.rolls[end]])
             own = Rotation.from_quat(frames[:, end], scalar_first=True) * turn
             changed[:, end] = own.as_quat(scalar_first=True)
     return Path(positions[None], changed[None])
@@ -190,39 +247,35 @@ def _step_times(recording: Recording, step_s: float | None, share: float) -> Flo
         return np.asarray(rows[0] + step_s * np.arange(np.ceil((last - rows[0]) / step_s - 1e-9) + 1))
     times = [rows[:1], frames]
     keep = rows[rows <= frames[-1]]
-    poses = interpolate_motion(recording.motion, keep)
-    for a in range(len(keep) - 1):
-        parts = int(np.ceil(_distance(poses, a) / share))
-        times.append(np.linspace(keep[a], keep[a + 1], max(parts, 1) + 1))
+    parts = np.ceil(_ways(interpolate_motion(recording.motion, keep)) / share).astype(int)
+    for a, count in enumerate(np.maximum(parts, 1)):
+        times.append(keep[a] + (keep[a + 1] - keep[a]) * np.arange(count + 1) / count)
     return _thinned(np.unique(np.concatenate(times)), frames, recording.motion, share)
 
 
-def _distance(poses: Motion, a: int) -> float:
-    """From row a to the next, in units of the largest step."""
-    moved = [np.linalg.norm(m[a + 1] - m[a]) for m in (poses.start_m, poses.end_m)]
-    dots = [np.clip(np.abs(q[a + 1] @ q[a]), 0, 1) for q in (poses.start_q, poses.end_q)]
-    signs = [q[a + 1] @ q[a] for q in (poses.start_q, poses.end_q)]
-    turned = [
-        2 * np.arccos(d) if s >= 0 else 2 * np.pi - 2 * np.arccos(d) for d, s in zip(dots, signs, strict=True)
-    ]
-    return float(
-        np.nanmax([*(np.array(moved) / LARGEST_MOVE_M), *(np.array(turned) / LARGEST_TURN_RAD), 0.0])
-    )
+def _ways(poses: Motion) -> Floats:
+    """From each row to the next, in units of the largest step: (T - 1,)."""
+    ways = [np.zeros(len(poses.t_s) - 1)]
+    for x, q in ((poses.start_m, poses.start_q), (poses.end_m, poses.end_q)):
+        along = np.sum(q[1:] * q[:-1], axis=1)
+        half = np.arccos(np.clip(np.abs(along), 0, 1))
+        turned = 2 * np.where(along < 0, np.pi - half, half)
+        ways += [np.linalg.norm(np.diff(x, axis=0), axis=1) / LARGEST_MOVE_M, turned / LARGEST_TURN_RAD]
+    return np.asarray(np.nanmax(ways, axis=0))
 
 
 def largest_step(motion: Motion) -> float:
     """The largest way between two rows of the motion, in units of the largest quasi-static step."""
-    return max((_distance(motion, a) for a in range(len(motion.t_s) - 1)), default=0.0)
+    return float(_ways(motion).max(initial=0.0))
 
 
 def _thinned(times: Floats, frames: Floats, motion: Motion, share: float) -> Floats:
     """Leave out steps between frames that move the ends less than the largest step."""
-    poses = interpolate_motion(motion, times)
+    ways = _ways(interpolate_motion(motion, times))
     wanted = np.isin(times, frames)
     kept = [0]
     travelled = 0.0
-    for a in range(len(times) - 1):
-        ahead = _distance(poses, a)
+    for a, ahead in enumerate(ways):
         if travelled + ahead > share and kept[-1] != a:
             kept.append(a)
             travelled = 0.0

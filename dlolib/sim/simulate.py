@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +19,8 @@ from dlolib.types import Floats
 
 TOLERANCE = 1e-8
 MOST_ITERATIONS = 1000
+# Parameters whose sides are looked at in one launch: a launch costs as much as the forces of some 100 steps.
+TOGETHER = 8
 
 
 @dataclass(frozen=True)
@@ -176,8 +179,9 @@ def roll_out(scene: Scene, state: State, path: Path, clock: Clock) -> Rollout:
     before = np.ascontiguousarray(state.before)
     direct.roll_out(
         x, q, before, past, slip, sliding, np.ascontiguousarray(path.x), np.ascontiguousarray(path.q),
-        _steps(path, clock), *scene.arrays(), *clock.flags, int(scene.symmetric), TOLERANCE, MOST_ITERATIONS,
-        *(_band(ropes, n) for _ in range(2)), _columns(ropes, 2, n), np.zeros((ropes, 4, contact_points(n))),
+        steps_of(path, clock), *scene.arrays(), *clock.flags, int(scene.symmetric), TOLERANCE,
+        MOST_ITERATIONS, *(_band(ropes, n) for _ in range(2)), _columns(ropes, 2, n),
+        np.zeros((ropes, 4, contact_points(n))),
         np.empty((ropes, n, 3)), np.empty((ropes, n + 1, 4)), status, iterations,
     )  # fmt: skip
     _refuse(status)
@@ -212,7 +216,7 @@ def gradient(
     scene = rollout.scene
     factors, memory = _linearised(rollout)
     derivatives.adjoint(
-        rollout.x, rollout.q, np.ascontiguousarray(rollout.path.q), _steps(rollout.path, rollout.clock),
+        rollout.x, rollout.q, np.ascontiguousarray(rollout.path.q), steps_of(rollout.path, rollout.clock),
         scene.joints, scene.particles, scene.grips, scene.clamped, *rollout.clock.flags,
         int(scene.symmetric), *factors, _columns(ropes, 2, n), *memory, *_explicit(rollout, variations), d_x,
         first, turn, past, slip, end_x, end_q, parameter,
@@ -243,7 +247,7 @@ def sensitivities(
     scene = rollout.scene
     factors, memory = _linearised(rollout)
     derivatives.sensitivities(
-        rollout.x, rollout.q, _steps(rollout.path, rollout.clock), scene.joints,
+        rollout.x, rollout.q, steps_of(rollout.path, rollout.clock), scene.joints,
         scene.particles, scene.grips, scene.clamped, *rollout.clock.flags, int(scene.symmetric), *factors,
         _columns(ropes, count, n), *memory, slot, *_explicit(rollout, variations), x, before, turn,
         np.zeros((ropes, count, n + 1, 3)), past, slip, out,
@@ -265,29 +269,40 @@ def _explicit(rollout: Rollout, variations: Sequence[Variation]) -> tuple[Floats
     count = len(variations)
     force, held = np.zeros((states, count, 6 * (n + 1))), np.zeros((ropes, indices - 1, count, 2, 6))
     past, slip = np.zeros((states, count, n, HISTORY)), np.zeros((states, count, contact_points(n), 3))
+    for first in range(0, count, TOGETHER):
+        some = variations[first : first + TOGETHER]
+        sides = _forces(rollout, [case for one in some for case in (one.ahead, one.behind)])
+        for c, variation in enumerate(some, first):
+            for target, side in zip((force, past, slip), sides, strict=True):
+                target[:, c] = (side[2 * (c - first)] - side[2 * (c - first) + 1]) / variation.width
     for c, variation in enumerate(variations):
-        ahead, behind = (_forces(rollout, case) for case in (variation.ahead, variation.behind))
-        for target, a, b in zip((force, past, slip), ahead, behind, strict=True):
-            target[:, c] = (a - b) / variation.width
         one, other = variation.ahead.path, variation.behind.path
-        held[:, :, c, :, :3] = (one.x - other.x) / variation.width
-        held[:, :, c, :, 3:] = _turn(other.q, one.q) / variation.width
+        if one is not other:
+            held[:, :, c, :, :3] = (one.x - other.x) / variation.width
+            held[:, :, c, :, 3:] = _turn(other.q, one.q) / variation.width
     return force, past, slip, np.nan_to_num(held)
 
 
-def _forces(rollout: Rollout, case: Case) -> tuple[Floats, Floats, Floats]:
-    """Minus the forces of every step of the roll-out in another case, and the histories that follow."""
+def _forces(rollout: Rollout, cases: Sequence[Case]) -> tuple[Floats, Floats, Floats]:
+    """Minus the forces of every step in C other cases, and the histories that follow: (C, states, ...)."""
     ropes, indices, n = rollout.x.shape[:3]
     states = ropes * (indices - 1)
-    y = np.zeros((states, 1, 6 * (n + 1)))
-    past, slip = np.zeros((states, 1, n, HISTORY)), np.zeros((states, 1, contact_points(n), 3))
+    count = len(cases)
+    y = np.zeros((count * states, 1, 6 * (n + 1)))
+    past = np.zeros((count * states, 1, n, HISTORY))
+    slip = np.zeros((count * states, 1, contact_points(n), 3))
+
+    def each(values: Any) -> Any:
+        return np.tile(values, (count,) + (1,) * (values.ndim - 1))
+
     derivatives.residuals(
-        rollout.x, rollout.q, rollout.before, rollout.past, rollout.slip, rollout.sliding,
-        np.ascontiguousarray(case.path.q),
-        _steps(case.path, rollout.clock), *case.scene.arrays(), *rollout.clock.flags,
+        *(each(part) for part in (rollout.x, rollout.q, rollout.before, rollout.past, rollout.slip)),
+        each(rollout.sliding), np.concatenate([case.path.q for case in cases]),
+        np.concatenate([steps_of(case.path, rollout.clock) for case in cases]),
+        *Scene.stack([case.scene for case in cases]).arrays(), *rollout.clock.flags,
         int(rollout.scene.symmetric), np.zeros((1, 1, 1)), y, past, slip,
     )  # fmt: skip
-    return y[:, 0], past[:, 0], slip[:, 0]
+    return tuple(part[:, 0].reshape(count, states, *part.shape[2:]) for part in (y, past, slip))  # type: ignore[return-value]
 
 
 def _turn(a: Floats, b: Floats) -> Floats:
@@ -312,14 +327,14 @@ def _linearised(rollout: Rollout) -> tuple[list[Floats], list[Floats]]:
     status = np.zeros(states, np.int32)
     derivatives.linearise(
         rollout.x, rollout.q, rollout.before, rollout.past, rollout.slip, rollout.sliding,
-        np.ascontiguousarray(rollout.path.q), _steps(rollout.path, rollout.clock), *rollout.scene.arrays(),
+        np.ascontiguousarray(rollout.path.q), steps_of(rollout.path, rollout.clock), *rollout.scene.arrays(),
         *rollout.clock.flags, int(rollout.scene.symmetric), *factors, _columns(states, 1, n), *memory, status,
     )  # fmt: skip
     _refuse(status.reshape(ropes, indices - 1))
     return factors, memory
 
 
-def _steps(path: Path, clock: Clock) -> Floats:
+def steps_of(path: Path, clock: Clock) -> Floats:
     """Duration of the step to each index and span at it, (B, T + 1, 2)."""
     ropes, count = path.x.shape[:2]
     steps = np.ones((ropes, count + 1, 2))

@@ -16,7 +16,7 @@ from dlolib.cli import app, run
 from dlolib.formats import read_capture_index, read_fit, read_recording
 
 ROOT = Path(__file__).resolve().parents[2]
-COMMANDS = ["ingest", "chain", "simulate", "identify", "learn", "execute", "report"]
+COMMANDS = ["ingest", "chain", "simulate", "identify", "diagnose", "learn", "execute", "report"]
 HEAVY = ["taichi", "open3d", "mujoco", "matplotlib", "cv2", "scipy", "pandas"]
 
 

@@ -10,8 +10,8 @@ import pytest
 from tests.pipeline.conftest import ROOT, names, stages_of
 from tests.pipeline.imports import import_graph, modules_of, parts_of
 
-STAGES = ("lab", "ingest", "chain", "identify", "learn", "execute", "report")
-BLIND = ("ingest", "chain", "identify", "learn")
+STAGES = ("lab", "ingest", "chain", "identify", "diagnose", "learn", "execute", "report")
+BLIND = ("ingest", "chain", "identify", "diagnose", "learn")
 TRUTH = "data/truth"
 
 

@@ -52,7 +52,7 @@ def test_the_committed_file_is_good() -> None:
         ("smooth_m: 0.03", "smooth_m: .nan", "chain.smooth_m: should be a finite number (it is nan)"),
         ("particles: 30", "particles: 30.5", "rod.particles: should be a valid integer"),
         ("law: plastic", "law: rubber", "should be 'plastic' or 'elastic' (it is 'rubber')"),
-        ("fit_of: captured", "fit_of: caught", "`caught` is not among recordings (captured, "),
+        ("verdict_of: captured", "verdict_of: caught", "`caught` is not among recordings (captured, "),
         ("layout: layout_1", "layout: layout_9", "`layout_9` is not among layouts (layout_1, "),
         ("layouts: [layout_1", "layouts: [../layout", "layouts.0: String should match pattern"),
         ("  source: lab", "  source: lab: x", "is not valid YAML"),

@@ -11,7 +11,7 @@ from sim.ropes import EI, GJ, GRAVITY, LEVEL, ROPE, swing
 from dlolib.errors import ParameterError
 from dlolib.sim import simulate
 from dlolib.sim.effects import EFFECTS, named
-from dlolib.sim.recording import RecordingModel, varied
+from dlolib.sim.recording import RecordingModel, sides_of
 from dlolib.sim.rod import Rod, scene_of
 from dlolib.sim.simulate import Case, Clock, Variation, gradient, roll_out, sensitivities
 from dlolib.types import Ends, Floats, Motion, Obstacle, Points, Recording
@@ -104,7 +104,7 @@ def test_its_derivatives_are_those_of_the_points(effect: str, monkeypatch: pytes
 
 def agrees(model: RecordingModel, rod: Rod, name: str, found: Floats) -> bool:
     """Within 1e-6 of extrapolated differences over 19 of 20 points: an event may fall within the stencil."""
-    _, _, width = varied(rod, name)
+    _, _, width = sides_of(model, rod, name)
     for wider in (30.0, 3.0, 300.0):
         h = wider * width
         coarse, fine = (central(model, rod, name, h / part) for part in (1, 2))
@@ -127,11 +127,9 @@ def test_backwards_as_forwards(effect: str) -> None:
     rod, names = rod_with(effect, TRIES[effect].values), names_of(effect)
     rollout, rest = model.roll_out(rod), model.at_rest(rod)
     times = model.times(model.setup(rod))
-    sides = [tuple(model.setup(side) for side in varied(rod, name)[:2]) for name in names]
-    widths = [varied(rod, name)[2] for name in names]
     ways = [
-        Variation(*(Case(scene_of([one]), model.path(one, times)) for one in side), width)
-        for side, width in zip(sides, widths, strict=True)
+        Variation(*(Case(scene_of([one]), model.path(one, times)) for one in sides), width)
+        for *sides, width in (sides_of(model, rod, name) for name in names)
     ]
     assert rest.x.shape[1] == 2
     weights = np.random.default_rng(0).normal(size=rollout.x.shape)

@@ -94,14 +94,15 @@ def named(name: str, parts: Mapping[str, float]) -> dict[str, float]:
 
 
 def check(name: str, value: float, beyond: float = 0.0) -> None:
-    """Refuse a parameter's value that is out of its bounds by more than `beyond` scales.
+    """Refuse a parameter's value that is beyond a bound by more than that share of its scale or of the bound.
 
     Raises:
         ParameterError: it is, or there is no such parameter.
     """
     known = parameter(name)
-    slack = beyond * known.scale
-    if value != known.neutral and not known.low - slack <= value <= known.high + slack:
+    low = known.low - beyond * max(known.scale, abs(known.low))
+    high = known.high + (beyond * max(known.scale, known.high) if np.isfinite(known.high) else 0.0)
+    if value != known.neutral and not low <= value <= high:
         problem = f"{name} = {value:g} is out of range"
         mend = f"give one from {known.low:g} to {known.high:g} {known.unit}".rstrip()
         raise ParameterError(problem, mend=mend)

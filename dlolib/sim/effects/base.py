@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -35,6 +35,8 @@ class Parameter:
         low, high: bounds within which it may be fitted.
         scale: a change of it that counts as one.
         starts: where a fit begins, if it is to try several.
+        along: "rope" or "motion" where it is a place or a time: `starts` are then shares of the rope's length
+            or of the recording's duration, which bound it, too.
         difference: how far a derivative looks to either side, in units of the scale; less where the parameter
             moves a contact, whose force sets in within microns.
     """
@@ -48,10 +50,16 @@ class Parameter:
     scale: float
     starts: tuple[float, ...]
     difference: float = 1e-4
+    along: Literal["", "rope", "motion"] = ""
 
 
 class Effect(Protocol):
-    """A module of this folder."""
+    """A module of this folder.
+
+    It may have `NAMED`, values of parameters that hold where the effect is named without them; `FORMS`, the
+    sets of parameters that occur together (`forms`); `SIZES`, those that say how large it is (`sizes`); and
+    `guess(hint, radius_m)`, values from which a fit may begin where the rope is off as the `Hint` says.
+    """
 
     @property
     def NAME(self) -> str: ...
@@ -96,6 +104,14 @@ class Law(Protocol):
     def coefficients(self, values: Mapping[str, float]) -> tuple[float, float]:
         """What the law needs at a joint; (0, 0) is no law."""
         ...
+
+
+@dataclass(frozen=True)
+class Hint:
+    """Where the rope was seen, (3,) [m], and how far that is from where a rod without the effect has it."""
+
+    place_m: Floats
+    off_m: Floats
 
 
 @dataclass(frozen=True)
@@ -197,3 +213,14 @@ def particle_lengths(length_m: float, particles: int) -> Floats:
     share = np.full(particles, length_m / (particles - 1))
     share[[0, -1]] /= 2
     return share
+
+
+def forms(effect: Effect | Law) -> tuple[tuple[str, ...], ...]:
+    """The sets of an effect's parameters that occur together, the others neutral: by default all of them."""
+    every = tuple(p.name for p in effect.PARAMETERS)
+    return getattr(effect, "FORMS", (every,))
+
+
+def sizes(effect: Effect | Law) -> tuple[str, ...]:
+    """The parameters that say how large an effect is, not where, when or how: by default all of them."""
+    return getattr(effect, "SIZES", tuple(p.name for p in effect.PARAMETERS))

@@ -19,6 +19,8 @@ PARAMETERS = (
     ),
     Parameter("depth", "m", "shift along the viewing axis", 0.0, -0.5, 0.5, 0.002, (0.0,)),
 )
+ROTATION = ("rotation_1", "rotation_2", "rotation_3")
+FORMS = (("depth",), ROTATION, (*ROTATION, "depth"))
 
 
 def apply(setup: Setup, values: Mapping[str, float]) -> Setup:

@@ -23,6 +23,7 @@ PARAMETERS = tuple(
     for end in ("start", "end")
     for axis in (1, 2)
 )
+FORMS = (("start_1", "start_2"), ("end_1", "end_2"), ("start_1", "start_2", "end_1", "end_2"))
 
 
 def apply(setup: Setup, values: Mapping[str, float]) -> Setup:

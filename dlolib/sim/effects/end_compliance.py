@@ -24,6 +24,7 @@ PARAMETERS = tuple(
     )
     for end in ("start", "end")
 )
+FORMS = (("start_stiffness",), ("end_stiffness",), ("start_stiffness", "end_stiffness"))
 # A clamp that gives way in bending is this much stiffer in roll than the rope's first segment in twist.
 ROLL_OVER_TWIST = 1e5
 

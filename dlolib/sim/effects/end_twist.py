@@ -13,6 +13,7 @@ PARAMETERS = (
     Parameter("start", "rad", "roll of the start", 0.0, -6.0, 6.0, 0.05, (0.0,)),
     Parameter("end", "rad", "roll of the end", 0.0, -6.0, 6.0, 0.05, (0.0,)),
 )
+FORMS = (("start",), ("end",), ("start", "end"))
 
 
 def apply(setup: Setup, values: Mapping[str, float]) -> Setup:

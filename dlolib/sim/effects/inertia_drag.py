@@ -18,6 +18,8 @@ PARAMETERS = (
 )
 # What inertia is where the effect is named and it is not.
 NAMED = {"inertia": 1.0}
+SIZES = ("drag",)
+FORMS = (("drag",), ("inertia", "drag"))
 
 
 def apply(setup: Setup, values: Mapping[str, float]) -> Setup:

@@ -17,11 +17,13 @@ from dlolib.types import Floats
 
 NAME = "stiffness_profile"
 SAYS = "the rope is softer or stiffer at one place"
+PLACES = (0.05, 0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.95)
 PARAMETERS = (
-    Parameter("s", "m", "where", 0.0, 0.0, np.inf, 0.01, ()),
+    Parameter("s", "m", "where", 0.0, 0.0, np.inf, 0.01, PLACES, along="rope"),
     Parameter("factor", "", "stiffness there over that elsewhere", 1.0, 0.02, 50.0, 0.05, (0.5, 2.0)),
     Parameter("width", "m", "how long the place is", 0.04, 0.005, np.inf, 0.01, (0.04,)),
 )
+SIZES = ("factor",)
 EDGE_M = 0.006
 # Gauss-Legendre points of a joint's piece: it is up to 16 mm long, an edge 6 mm.
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(12)

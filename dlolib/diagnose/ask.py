@@ -1,0 +1,193 @@
+"""The next motion: the one of a menu that separates two models best."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from dlolib.diagnose.noise import Whitener, grid_of
+from dlolib.diagnose.study import Fitted, Seen, Study
+from dlolib.errors import DloError
+from dlolib.identify.problem import axes
+from dlolib.sim.poses import model_of
+from dlolib.types import Floats, Motion, Points, Recording
+
+# Rows and frames of a menu's motion; how far the wrist rolls; how long it holds.
+RATE_HZ, FRAMES, POINTS = 20.0, 60, 30
+ROLL_RAD, ROLL_RAD_S, HOLD_S = np.deg2rad(120.0), 0.5, 20.0
+QUICKER = 3.0
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A motion that begins at the last pose (t_s from 0), what it is, and the ΔBIC that it promises."""
+
+    motion: Motion
+    says: str
+    expected: float
+
+
+def next_motion(study: Study, one: Fitted, other: Fitted) -> Asked | None:
+    """The motion of the menu after which the two models differ most; None where none can be made or told."""
+    recording = study.seen[0].recording
+    if len(recording.motion.t_s) < 3 or np.isnan(recording.motion.end_m).all():
+        return None
+    best: Asked | None = None
+    for says, motion in menu(recording.motion):
+        try:
+            gain = _separation(study, one, other, motion)
+        except DloError:
+            continue
+        if best is None or gain > best.expected:
+            best = Asked(motion, says, gain)
+    return best
+
+
+def menu(motion: Motion) -> list[tuple[str, Motion]]:
+    """What a robot can do from the motion's last pose within the speed of the motion itself."""
+    speed = _speed(motion)
+    last, bent = _pose(motion, -1), _pose(motion, _most_bent(motion))
+    there = _go(last, bent, speed)
+    rolls = [_rolled(bent, angle) for angle in (ROLL_RAD, -ROLL_RAD, 0.0)]
+    turning, at = [there], bent
+    for pose in rolls:
+        turning.append(_go(at, pose, speed))
+        at = pose
+    back = _go(bent, last, speed)
+    arcs = _arc(motion)
+    return [
+        ("roll the wrist by 120 degrees both ways at the most bent pose", _joined([*turning, back])),
+        ("move along the same arc on the opposite side, out and back", _timed(_mirrored(arcs), speed)),
+        ("hold the most bent pose for 20 s", _joined([there, _go(bent, bent, speed, HOLD_S), back])),
+        ("move along the same arc three times as fast", _timed(arcs, QUICKER * speed)),
+    ]
+
+
+Pose = tuple[Floats, Floats, Floats, Floats]
+
+
+def _pose(motion: Motion, k: int) -> Pose:
+    return motion.start_m[k], motion.start_q[k], motion.end_m[k], motion.end_q[k]
+
+
+def _speed(motion: Motion) -> float:
+    """Of the moved end while it moves [m/s]."""
+    way = np.linalg.norm(np.diff(motion.end_m, axis=0), axis=1)
+    moving = way > 1e-6
+    return float(way[moving].sum() / np.diff(motion.t_s)[moving].sum()) if moving.any() else 0.05
+
+
+def _most_bent(motion: Motion) -> int:
+    """The row at which the two ends are nearest, or the end is furthest from where it began."""
+    if np.isnan(motion.start_m).all():
+        return int(np.argmax(np.linalg.norm(motion.end_m - motion.end_m[0], axis=1)))
+    return int(np.argmin(np.linalg.norm(motion.end_m - motion.start_m, axis=1)))
+
+
+def _rolled(pose: Pose, angle: float) -> Pose:
+    turn = Rotation.from_quat(pose[3], scalar_first=True) * Rotation.from_rotvec([0, 0, angle])
+    return pose[0], pose[1], pose[2], _alike(turn.as_quat(scalar_first=True), pose[3])
+
+
+def _alike(q: Floats, other: Floats) -> Floats:
+    """Of the two signs of a quaternion the one nearer to another."""
+    return np.asarray(q if q @ other >= 0 else -q)
+
+
+def _go(one: Pose, other: Pose, speed: float, least_s: float = 0.0) -> Motion:
+    """From pose to pose in a straight line, turning evenly."""
+    way = float(np.nanmax([np.linalg.norm(other[2] - one[2]), 0.0]))
+    first, second = (Rotation.from_quat(p[3], scalar_first=True) for p in (one, other))
+    turn = (first.inv() * second).as_rotvec()
+    duration = max(way / speed, float(np.linalg.norm(turn)) / ROLL_RAD_S, least_s, 2 / RATE_HZ)
+    t = np.linspace(0, duration, int(np.ceil(duration * RATE_HZ)) + 1)
+    share = (t / duration)[:, None]
+    q = (first * Rotation.from_rotvec(share * turn)).as_quat(scalar_first=True)
+    q[0] = _alike(q[0], one[3])
+    for k in range(1, len(q)):
+        q[k] = _alike(q[k], q[k - 1])
+    still = np.ones_like(share)
+    return Motion(t, one[0] * still, one[1] * still, one[2] + share * (other[2] - one[2]), q)
+
+
+def _joined(legs: list[Motion]) -> Motion:
+    """One after the other."""
+    whole = legs[0]
+    for leg in legs[1:]:
+        rest = [getattr(leg, name)[1:] for name in ("start_m", "start_q", "end_m", "end_q")]
+        if whole.end_q[-1] @ leg.end_q[0] < 0:
+            rest[3] = -rest[3]
+        parts = [
+            np.concatenate([getattr(whole, name), more])
+            for name, more in zip(("start_m", "start_q", "end_m", "end_q"), rest, strict=True)
+        ]
+        whole = Motion(np.concatenate([whole.t_s, whole.t_s[-1] + leg.t_s[1:]]), *parts)
+    return whole
+
+
+def _arc(motion: Motion) -> Motion:
+    """The recorded way of the end out to where it is furthest from its last pose, and back."""
+    away = np.linalg.norm(motion.end_m - motion.end_m[-1], axis=1)
+    first = int(np.argmax(away))
+    back = [np.asarray(getattr(motion, name)[first:]) for name in ("start_m", "start_q", "end_m", "end_q")]
+    both = [np.concatenate([part[::-1], part[1:]]) for part in back]
+    return Motion(np.arange(len(both[0]), dtype=float), *both)
+
+
+def _mirrored(motion: Motion) -> Motion:
+    """The end's way turned by half a revolution about the line from the start to where it begins."""
+    origin = motion.end_m[0]
+    along = origin - motion.start_m[0] if not np.isnan(motion.start_m).any() else np.array([0.0, 0.0, 1.0])
+    along = along / max(float(np.linalg.norm(along)), 1e-9)
+    away = motion.end_m - origin
+    return replace(motion, end_m=origin + 2 * np.outer(away @ along, along) - away)
+
+
+def _timed(motion: Motion, speed: float) -> Motion:
+    """At an even speed, rows that stand still left out."""
+    way = np.linalg.norm(np.diff(motion.end_m, axis=0), axis=1)
+    keep = np.concatenate([[True], way > 1e-9])
+    parts = [getattr(motion, name)[keep] for name in ("start_m", "start_q", "end_m", "end_q")]
+    t = np.concatenate([[0.0], np.cumsum(way[way > 1e-9])]) / speed
+    return Motion(t, *parts)
+
+
+def _separation(study: Study, one: Fitted, other: Fitted, more: Motion) -> float:
+    """χ² between the two models over recording and further motion, what `other` can give way taken off."""
+    seen = study.seen[0]
+    longer = _continued(seen.recording, more)
+    whitener = Whitener(grid_of(longer, np.ones(len(longer.points.s_m), dtype=bool)), seen.whitener.noise)
+    model = model_of(longer, seen.model.particles, getattr(seen.model, "step_s", None))
+    views = (seen, Seen(model, whitener))
+    change, basis = [], []
+    for view in views:
+        names = [u.name for u in other.unknowns if u.recording in (None, 0)]
+        looked = axes(view.model)
+        mine = view.model.predict(study.rod(0, one.values(0))).xyz_m
+        theirs = view.model.predict(study.rod(0, other.values(0)), names)
+        change.append(view.whitener((mine - theirs.xyz_m)[:, looked]).ravel())
+        basis.append(view.whitener(theirs.by_parameter[:, looked]).reshape(-1, len(names)))
+    q = np.linalg.qr(np.concatenate(basis))[0]
+    whole = np.concatenate(change)
+    return float(whole @ whole - np.sum((q.T @ whole) ** 2))
+
+
+def _continued(recording: Recording, more: Motion) -> Recording:
+    """The recording moved on, seen only in the further motion."""
+    motion = recording.motion
+    begin = float(motion.t_s[-1])
+    parts = {
+        name: np.concatenate([getattr(motion, name), getattr(more, name)[1:]])
+        for name in ("start_m", "start_q", "end_m", "end_q")
+    }
+    whole = Motion(np.concatenate([motion.t_s, begin + more.t_s[1:]]), **parts)
+    t = begin + np.linspace(0, more.t_s[-1], FRAMES + 1)[1:]
+    s = np.linspace(0, recording.rope.length_m, POINTS)
+    frame = np.repeat(np.arange(FRAMES), POINTS)
+    points = Points(frame, np.repeat(t, POINTS), np.tile(s, FRAMES), np.zeros((FRAMES * POINTS, 3)))
+    return replace(recording, motion=whole, points=points)
+
+
+__all__ = ["Asked", "menu", "next_motion"]

@@ -1,0 +1,128 @@
+"""What these recordings could have shown at all: the size from which on each effect is seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import optimize, stats
+
+from dlolib.diagnose.study import Fitted, Study
+from dlolib.errors import DloError
+from dlolib.identify.problem import axes
+from dlolib.sim.effects import EFFECTS, parameter
+from dlolib.sim.effects.base import Parameter, forms, sizes
+from dlolib.types import Detectable, Floats
+
+POWER = 0.95
+# Sizes are sought to this many decades, over so many of them; what is larger than so many scales is absurd.
+CLOSE, DECADES, ABSURD = 0.02, 8.0, 3.0
+# Logarithm of a gain that is far from the one needed.
+FAR = 50.0
+
+
+@dataclass(frozen=True)
+class Size:
+    """One parameter whose size is asked for, the effect's others at their first usual values."""
+
+    name: str
+    part: str
+    others: dict[str, float]
+
+
+def asked(study: Study, without: tuple[str, ...]) -> list[Size]:
+    """Every parameter of the library that says how large an effect is."""
+    found = []
+    contact = any(one.recording.obstacles for one in study.seen)
+    for name, effect in EFFECTS.items():
+        if name in without or (name == "contact_friction" and not contact):
+            continue
+        for part in sizes(effect):
+            form = next(f for f in forms(effect) if part in f)
+            others = {p: study.middle(f"{name}.{p}") for p in form if p != part and p not in sizes(effect)}
+            found.append(Size(name, part, {f"{name}.{p}": value for p, value in others.items()}))
+    return found
+
+
+def gain_needed(alarm: float, parameters: int, count: int) -> float:
+    """The gain in χ², noise apart, that an effect with so many parameters needs for 95 % power."""
+    threshold = alarm + parameters * np.log(count)
+    return float(
+        optimize.brentq(
+            lambda gain: stats.ncx2.sf(threshold, parameters, gain) - POWER, 1e-6, 1e3 + 10 * threshold
+        )
+    )
+
+
+def detectable(study: Study, base: Fitted, size: Size, alarm: float) -> Detectable:
+    """The size of an effect that is seen with 95 % power; the baseline's own parameters give way."""
+    full = f"{size.name}.{size.part}"
+    known = parameter(full)
+    form = min((f for f in forms(EFFECTS[size.name]) if size.part in f), key=len)
+    needed = gain_needed(alarm, len(form), study.count)
+    clean = [one.model.predict(study.rod(k, base.values(k))).xyz_m for k, one in enumerate(study.seen)]
+    basis = _basis(study, base)
+
+    def excess(decades: float) -> float:
+        try:
+            changed = _changed(study, base, clean, {**size.others, full: _value(known, decades)})
+        except DloError:
+            return FAR
+        gain = float(changed @ changed - np.sum((basis.T @ changed) ** 2))
+        return float(np.clip(np.log(max(gain, 1e-300) / needed), -FAR, FAR))
+
+    high = _largest(known)
+    if excess(high) < 0:
+        return Detectable(size.name, size.part, None, known.unit)
+    found = (
+        optimize.brentq(excess, high - DECADES, high, xtol=CLOSE)
+        if excess(high - DECADES) < 0
+        else high - DECADES
+    )
+    return Detectable(size.name, size.part, _value(known, found), known.unit)
+
+
+def _value(known: Parameter, decades: float) -> float:
+    """The parameter at a size: away from what is neutral, softer where it is a ratio, down from infinity."""
+    size = 10.0**decades
+    if np.isinf(known.neutral):
+        return float(min(max(known.starts) / size, known.high))
+    if known.low > 0:
+        return float(known.neutral / (1 + size))
+    return float(known.neutral + known.scale * size)
+
+
+def _largest(known: Parameter) -> float:
+    """The size, in decades, at which the parameter meets its bound, or is absurd."""
+    if np.isinf(known.neutral):
+        return float(np.log10(max(known.starts) / known.low))
+    if known.low > 0:
+        return float(np.log10(known.neutral / known.low - 1))
+    return min(float(np.log10((known.high - known.neutral) / known.scale)), ABSURD)
+
+
+def _basis(study: Study, base: Fitted) -> Floats:
+    """What the baseline's parameters can do, as orthonormal columns (R, N)."""
+    rows = []
+    for k, one in enumerate(study.seen):
+        names = [u.name for u in base.unknowns if u.recording in (None, k)]
+        by = one.model.predict(study.rod(k, base.values(k)), names).by_parameter[:, axes(one.model)]
+        block = np.zeros((by[:, :, 0].size, len(base.unknowns)))
+        mine = [n for n, u in enumerate(base.unknowns) if u.recording in (None, k)]
+        white = one.whitener(by).reshape(-1, len(mine))
+        block = np.zeros((len(white), len(base.unknowns)))
+        block[:, mine] = white
+        rows.append(block)
+    return np.asarray(np.linalg.qr(np.concatenate(rows))[0])
+
+
+def _changed(study: Study, base: Fitted, clean: list[Floats], values: dict[str, float]) -> Floats:
+    """Whitened change of all points (R,)."""
+    parts = []
+    for k, one in enumerate(study.seen):
+        made = one.model.predict(study.rod(k, {**base.values(k), **values})).xyz_m
+        parts.append(one.whitener((made - clean[k])[:, axes(one.model)]).ravel())
+    return np.concatenate(parts)
+
+
+__all__ = ["Size", "asked", "detectable", "gain_needed"]

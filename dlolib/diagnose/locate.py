@@ -1,0 +1,265 @@
+"""Where a rod is wrong, before anything is named: the way back against the way out, and a scan.
+
+A probe is what one place of the rope would show if it were a little stiffer, curved at rest, or pushed: the
+derivative of all points by that. Its gain in χ² over a window of frames, with the baseline's own
+parameters projected out, is a scan statistic (Kulldorff, Communications in Statistics 26, 1997); what noise
+alone makes of the largest of them is drawn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+from scipy.fft import dct
+from scipy.spatial.transform import Rotation
+
+from dlolib.diagnose.study import Fitted, Seen, Study
+from dlolib.formats import interpolate_motion
+from dlolib.identify.problem import axes
+from dlolib.sim.effects.base import Setup
+from dlolib.sim.recording import Sides
+from dlolib.sim.scene import REST, STIFFNESS
+from dlolib.types import Floats, Ints, Motion, Place, Recording
+
+PLACES = 12
+DRAWS, LEVEL = 300, 0.99
+MOST_PLACES = 4
+# Frames at the same pose, between which the rope was elsewhere: [m], [rad], and how far away [m].
+SAME_M, SAME_RAD, AWAY_M = 2e-3, 0.02, 0.01
+# Slow modes along the rope in which a way back differs.
+MODES = 8
+PROBES = {
+    "stiffness": "",
+    "curvature_1": "1/m",
+    "curvature_2": "1/m",
+    "force_x": "N",
+    "force_y": "N",
+    "force_z": "N",
+}
+
+
+@dataclass(frozen=True)
+class Reversal:
+    """Shape on the way back less that on the way out at the same poses: 0 for all that is reversible.
+
+    pairs: of frames. statistic: χ² over its expectation. p_value: None without pairs.
+    """
+
+    pairs: int
+    statistic: float
+    p_value: float | None
+
+
+@dataclass(frozen=True)
+class Scan:
+    """The scan of one recording.
+
+    frames (F,), arc_m (PLACES,). gain (probes, PLACES, F): in χ², the largest over the short windows around a
+    frame. threshold: what noise alone exceeds once in a hundred recordings. places: the strongest.
+    """
+
+    recording: str
+    frames: Ints
+    arc_m: Floats
+    gain: Floats
+    threshold: float
+    places: tuple[Place, ...]
+
+
+def reversal(study: Study, base: Fitted) -> Reversal:
+    """The path-reversal test over all recordings, on what the baseline leaves."""
+    total, degrees, count = 0.0, 0, 0
+    for one, grid in zip(study.seen, base.residuals, strict=True):
+        slow = dct(grid, axis=1, norm="ortho")[:, :MODES]
+        for out, back in _pairs(one.recording):
+            difference = (slow[back] - slow[out]) / np.sqrt(2)
+            total += float(np.sum(difference**2))
+            degrees += difference.size
+            count += 1
+    if not count:
+        return Reversal(0, 1.0, None)
+    return Reversal(count, total / degrees, float(stats.chi2.sf(total, degrees)))
+
+
+def _pairs(recording: Recording) -> list[tuple[int, int]]:
+    """Frames of one pose each, the later one the nearest to it of the way back; every frame once."""
+    motion = _at_frames(recording)
+    x = np.nan_to_num(np.hstack([motion.start_m, motion.end_m]))
+    q = np.nan_to_num(np.stack([motion.start_q, motion.end_q], axis=1))
+    found, used = [], set()
+    for a in range(len(x)):
+        away = np.linalg.norm(x - x[a], axis=1)
+        turn = 2 * np.arccos(np.clip(np.abs(np.einsum("ek,fek->fe", q[a], q)), 0, 1)).max(axis=1)
+        left = np.maximum.accumulate(np.where(np.arange(len(x)) > a, away + 0.1 * turn, 0.0)) > AWAY_M
+        there = np.flatnonzero((away < SAME_M) & (turn < SAME_RAD) & left & (np.arange(len(x)) > a))
+        same = [int(b) for b in there if b not in used]
+        if same:
+            best = min(same, key=lambda b: away[b] + 0.1 * turn[b])
+            used.add(best)
+            found.append((a, best))
+    return found
+
+
+def _at_frames(recording: Recording) -> Motion:
+    points = recording.points
+    _, first = np.unique(points.frame, return_index=True)
+    return interpolate_motion(recording.motion, points.t_s[first])
+
+
+def scan(study: Study, base: Fitted, k: int, seed: int) -> Scan:
+    """Probe recording k with what the baseline leaves of it."""
+    one, residual = study.seen[k], base.residuals[k]
+    rod = study.rod(k, base.values(k))
+    made = one.model.setup(rod)
+    arc = (np.arange(PLACES) + 0.5) / PLACES * one.recording.rope.length_m
+    sides = [side for probe in PROBES for s in arc for side in [_probe(made, probe, s, arc[1] - arc[0])]]
+    names = [u.name for u in base.unknowns if u.recording in (None, k)]
+    seen = axes(one.model)
+    columns = one.whitener(one.model.respond(rod, sides).by_parameter[:, seen])
+    own = one.whitener(one.model.predict(rod, names).by_parameter[:, seen])
+    windows = _windows(len(residual))
+    rng = np.random.default_rng(seed)
+    noise = rng.normal(size=(DRAWS, *residual.shape))
+    gains, sizes = _gains(columns, own, np.concatenate([residual[None], noise]), windows)
+    threshold = float(np.quantile(gains[1:].max(axis=(1, 2)), LEVEL))
+    by_frame = _by_frame(gains[0], windows, len(residual)).reshape(len(PROBES), PLACES, -1)
+    places = _strongest(one, gains[0], sizes, windows, arc, threshold)
+    frames = np.unique(one.recording.points.frame)
+    return Scan(one.recording.name, frames, arc, by_frame, threshold, places)
+
+
+def _probe(made: Setup, probe: str, s_m: float, width_m: float) -> Sides:
+    """The set-up with one place a little stiffer, more curved or pushed, either way."""
+    sides, size = [], {"stiffness": 1e-3, "curvature_1": 1e-3, "curvature_2": 1e-3}.get(probe, 1e-5)
+    for sign in (1, -1):
+        if probe == "stiffness":
+            share = _bump((np.sum(made.joint_arc_m(), axis=0)) / 2, s_m, width_m)[:, None]
+            columns = slice(STIFFNESS, REST)
+            sides.append(made.with_joints(columns, made.joints[:, columns] * (1 + sign * size * share)))
+        elif probe.startswith("curvature"):
+            share = _bump((np.sum(made.joint_arc_m(), axis=0)) / 2, s_m, width_m)
+            column = REST + int(probe[-1]) - 1
+            sides.append(made.with_joints(column, made.joints[:, column] + sign * size * share))
+        else:
+            share = _bump(made.arc_m, s_m, width_m)
+            force = np.zeros((len(share), 3))
+            force[:, "xyz".index(probe[-1])] = sign * size * share / share.sum()
+            sides.append(made.with_load(force))
+    return sides[0], sides[1], 2 * size
+
+
+def _bump(at_m: Floats, s_m: float, width_m: float) -> Floats:
+    """1 at s, 0 from a width away on."""
+    return np.maximum(1 - np.abs(at_m - s_m) / width_m, 0.0)
+
+
+def _windows(frames: int) -> list[tuple[int, int]]:
+    """All frames, halves, quarters, eighths and sixteenths, each of them also shifted by half its length."""
+    found = {(0, frames)}
+    for parts in (2, 4, 8, 16):
+        length = frames / parts
+        if length < 2:
+            break
+        for start in np.arange(0, frames - length + 1e-9, length / 2):
+            found.add((round(start), round(start + length)))
+    return sorted(found)
+
+
+def _gains(
+    columns: Floats, own: Floats, residuals: Floats, windows: Sequence[tuple[int, int]]
+) -> tuple[Floats, Floats]:
+    """Gains in χ² (D, probes, windows) of every probe over every window, and the probes' sizes there.
+
+    columns (F, C, A, probes), own (F, C, A, N) of the baseline's parameters, residuals (D, F, C, A).
+    """
+    frames, probes = columns.shape[0], columns.shape[-1]
+    flat = columns.reshape(frames, -1, probes)
+    basis = np.linalg.qr(own.reshape(-1, own.shape[-1]))[0].reshape(frames, flat.shape[1], -1)
+    drawn = residuals.reshape(len(residuals), -1)
+    # what the baseline's parameters take up is not there to be found
+    drawn = drawn - (drawn @ basis.reshape(-1, basis.shape[-1])) @ basis.reshape(-1, basis.shape[-1]).T
+    along = np.einsum("fip,dfi->dpf", flat, drawn.reshape(len(residuals), frames, -1), optimize=True)
+    square = np.einsum("fip,fip->pf", flat, flat)
+    shared = np.einsum("fip,fin->pfn", flat, basis, optimize=True)
+    gains, sizes = [], []
+    for a, b in windows:
+        rest = square[:, a:b].sum(axis=1) - np.sum(shared[:, a:b].sum(axis=1) ** 2, axis=1)
+        rest = np.where(rest > 1e-6 * square[:, a:b].sum(axis=1).max(), rest, np.inf)
+        pull = along[:, :, a:b].sum(axis=2)
+        gains.append(pull**2 / rest)
+        sizes.append(-pull[0] / rest)
+    return np.stack(gains, axis=2), np.stack(sizes, axis=1)
+
+
+def _by_frame(gains: Floats, windows: Sequence[tuple[int, int]], frames: int) -> Floats:
+    """For every probe and frame the largest gain of the windows around it, (probes, F)."""
+    best = np.zeros((len(gains), frames))
+    for w, (a, b) in enumerate(windows):
+        if b - a <= max(frames // 8, 2):
+            best[:, a:b] = np.maximum(best[:, a:b], gains[:, w : w + 1])
+    return best
+
+
+def _strongest(
+    one: Seen, gains: Floats, sizes: Floats, windows: Sequence[tuple[int, int]], arc: Floats, threshold: float
+) -> tuple[Place, ...]:
+    """The strongest probes above the threshold, no two on one stretch of rope and frames."""
+    frames = np.unique(one.recording.points.frame)
+    half = (arc[1] - arc[0]) / 2
+    found: list[tuple[int, int]] = []
+    places: list[Place] = []
+    for index in np.argsort(-gains, axis=None):
+        p, w = np.unravel_index(index, gains.shape)
+        if gains[p, w] < threshold or len(places) == MOST_PLACES:
+            break
+        probe, at = list(PROBES)[p // PLACES], int(p % PLACES)
+        near = [abs(at - a) <= 1 and _overlap(windows[w], windows[v]) for a, v in found]
+        if any(near):
+            continue
+        found.append((at, int(w)))
+        first, last = windows[w]
+        lo, hi = float(arc[at] - half), float(arc[at] + half)
+        place = Place(
+            one.recording.name,
+            (lo, hi),
+            (int(frames[first]), int(frames[last - 1])),
+            _phase(one.recording, first, last),
+            float(gains[p, w]),
+            probe,
+            (float(sizes[p, w]),),
+            PROBES[probe],
+        )
+        places.append(place)
+    return tuple(places)
+
+
+def _overlap(one: tuple[int, int], other: tuple[int, int]) -> bool:
+    return max(one[0], other[0]) < min(one[1], other[1])
+
+
+def _phase(recording: Recording, first: int, last: int) -> str:
+    """What the ends do in these frames: "all", "rest", "turn", "out" or "back"."""
+    motion = _at_frames(recording)
+    frames = len(motion.t_s)
+    if last - first > frames // 2:
+        return "all"
+    x = np.nan_to_num(np.hstack([motion.start_m, motion.end_m]))
+    way = float(np.linalg.norm(np.diff(x[first:last], axis=0), axis=1).sum())
+    turn = _turned(motion.end_q[first:last])
+    if way < SAME_M:
+        return "turn" if turn > SAME_RAD else "rest"
+    gone = np.linalg.norm(x - x[0], axis=1)
+    return "out" if gone[last - 1] > gone[first] else "back"
+
+
+def _turned(q: Floats) -> float:
+    if len(q) < 2 or np.isnan(q).any():
+        return 0.0
+    turns = Rotation.from_quat(q, scalar_first=True)
+    return float((turns[:-1].inv() * turns[1:]).magnitude().sum())
+
+
+__all__ = ["PROBES", "Reversal", "Scan", "reversal", "scan"]

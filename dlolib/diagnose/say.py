@@ -1,0 +1,77 @@
+"""The verdict in words for a person."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from dlolib.diagnose.decide import Decision
+from dlolib.diagnose.study import Fitted, Study
+from dlolib.sim.effects import EFFECTS, parameter
+from dlolib.types import Estimate, Named, Place, Quality
+
+
+def named(
+    study: Study, model: Fitted, name: str, probability: float, parameters: Mapping[str, Estimate]
+) -> Named:
+    """One effect of the winning model, its parameters by their own names."""
+    own = {key.partition(".")[2]: value for key, value in parameters.items() if key.startswith(f"{name}.")}
+    return Named(name, probability, own, _where(study, own, name), _says(name, own))
+
+
+def _where(
+    study: Study, own: Mapping[str, Estimate], name: str
+) -> dict[str, tuple[float, float] | None] | None:
+    """The stretch of rope or of frames that an effect's own place or time names."""
+    recording = study.seen[0].recording
+    length = recording.rope.length_m
+    for part, value in own.items():
+        along = parameter(f"{name}.{part}").along
+        if along == "rope":
+            half = own["width"].value / 2 if "width" in own else 0.0
+            return {"s_m": (max(value.value - half, 0.0), min(value.value + half, length)), "frames": None}
+        if along == "motion":
+            half = own["duration"].value if "duration" in own else 1.0
+            t, frame = recording.points.t_s, recording.points.frame
+            inside = frame[(t >= value.value - half) & (t <= value.value + half)]
+            frames = (float(inside.min()), float(inside.max())) if len(inside) else None
+            return {"s_m": None, "frames": frames}
+    return None
+
+
+def _says(name: str, own: Mapping[str, Estimate]) -> str:
+    """A sentence: what it is, and its numbers."""
+    return f"{EFFECTS[name].SAYS}: {', '.join(_number(part, value) for part, value in own.items())}"
+
+
+def _number(part: str, value: Estimate) -> str:
+    words = part.replace("_", " ")
+    if value.low is None or value.high is None:
+        return f"{words} {value.value:.3g} {value.unit}".rstrip()
+    half = (value.high - value.low) / 2
+    return f"{words} {value.value:.3g} ± {half:.2g} {value.unit}".rstrip()
+
+
+def summary(
+    decision: Decision, effects: Sequence[Named], where: Sequence[Place], base: Quality, best: Quality
+) -> str:
+    """One or two sentences: what is missing, and what that changes."""
+    before, after = 1e3 * base.rmse_m, 1e3 * best.rmse_m
+    if decision.status == "no_mismatch":
+        seen = f"An elastic rod explains what was seen ({before:.1f} mm RMS)"
+        return f"{seen}: nothing is missing that could show."
+    if decision.status == "unexplained":
+        place = f" It is largest {_place(where[0])}." if where else ""
+        return f"Something is missing that no effect of the library explains ({before:.1f} mm RMS).{place}"
+    told = "; ".join(one.says for one in effects)
+    first = (
+        f"What an elastic rod leaves out: {told}. The distance falls from {before:.1f} to {after:.1f} mm RMS."
+    )
+    if decision.status == "explained":
+        return first
+    others = " or ".join(" with ".join(one.effects) for one in decision.tie[1:])
+    return f"{first} It cannot be told from {others}."
+
+
+def _place(place: Place) -> str:
+    (lo, hi), (first, last) = place.s_m, place.frames
+    return f"between {lo:.2f} and {hi:.2f} m, in frames {first} to {last}"

@@ -1,0 +1,77 @@
+"""The noise's model: exact whitening, and its three numbers found again."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sim.test_recording import recording
+
+from dlolib.diagnose.noise import Whitener, estimate_noise, grid_of
+from dlolib.types import Floats, Noise, Points, Recording
+
+SIGMA = 1.5e-3
+
+
+def noisy(noise: Noise, frames: int = 30, columns: int = 20, lost: float = 0.0) -> tuple[Recording, Floats]:
+    """A rope that stands still, and the noise (P, 3) on its points."""
+    rng = np.random.default_rng(5)
+    root_t, root_s = (
+        np.linalg.cholesky(decay(count, length))
+        for count, length in ((frames, noise.correlation_frames), (columns, noise.correlation_points))
+    )
+    drawn = noise.sigma_m * np.einsum("fg,cd,gdk->fck", root_t, root_s, rng.normal(size=(frames, columns, 3)))
+    keep = rng.random(frames * columns) >= lost
+    frame, s = (
+        np.repeat(np.arange(frames), columns)[keep],
+        np.tile(np.linspace(0, 0.44, columns), frames)[keep],
+    )
+    points = Points(frame, 0.1 * frame, s, drawn.reshape(-1, 3)[keep])
+    return replace(recording(), points=points, static_frames=(0, frames - 1)), points.xyz_m
+
+
+def decay(count: int, length: float) -> Floats:
+    lag = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
+    return np.exp(-lag / length) if length > 0 else np.eye(count)
+
+
+@pytest.mark.parametrize("lost", [0.0, 0.15])
+def test_whitening_is_exact(lost: float) -> None:
+    """Sums of squares are those of the dense inverse covariance of the points that were seen."""
+    noise = Noise(SIGMA, 1.2, 0.8)
+    made, values = noisy(noise, 8, 7, lost)
+    used = np.ones(len(values), dtype=bool)
+    grid = grid_of(made, used)
+    lags = [np.abs(np.subtract.outer(places, places)) for places in (grid.frame[grid.row], grid.column)]
+    dense = SIGMA**2 * np.exp(-lags[0] / 0.8 - lags[1] / 1.2)
+    expected = np.einsum("pk,pq,qk->", values, np.linalg.inv(dense), values)
+    assert np.sum(Whitener(grid, noise)(values) ** 2) == pytest.approx(expected, rel=1e-10)
+
+
+def test_a_points_own_covariance_counts() -> None:
+    noise = Noise(SIGMA, 0.0, 0.0)
+    made, values = noisy(noise, 4, 5)
+    covariance = np.tile(np.diag([1e-6, 4e-6, 9e-6]), (len(values), 1, 1))
+    grid = grid_of(made, np.ones(len(values), dtype=bool))
+    white = Whitener(grid, noise, covariance)(values)
+    assert np.sum(white**2) == pytest.approx(np.sum(values**2 / [1e-6, 4e-6, 9e-6]), rel=1e-10)
+
+
+@pytest.mark.parametrize(("points", "frames"), [(0.0, 0.0), (0.7, 0.7), (1.5, 1.5)])
+def test_numbers_are_found_again(points: float, frames: float) -> None:
+    made, values = noisy(Noise(SIGMA, points, frames), lost=0.05)
+    found, source = estimate_noise(made, np.zeros_like(values), np.ones(len(values), dtype=bool))
+    assert source == "static frames 0 to 29"
+    assert found.sigma_m == pytest.approx(SIGMA, rel=0.08)
+    for value, true in ((found.correlation_points, points), (found.correlation_frames, frames)):
+        # correlation of neighbours, which is what matters
+        assert np.exp(-1 / max(value, 1e-9)) == pytest.approx(np.exp(-1 / max(true, 1e-9)), abs=0.08)
+
+
+def test_without_static_frames_the_quick_part_tells() -> None:
+    made, values = noisy(Noise(SIGMA, 0.7, 0.7))
+    wave = 0.02 * np.sin(made.points.t_s)[:, None] * made.points.s_m[:, None]
+    found, source = estimate_noise(
+        replace(made, static_frames=None), values + wave, np.ones(len(values), bool)
+    )
+    assert source == "quick part of the residuals"
+    assert found.sigma_m == pytest.approx(SIGMA, rel=0.1)
