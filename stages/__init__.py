@@ -18,6 +18,8 @@ from dlolib.files import write_json  # noqa: E402
 
 LABORATORY = "lab"
 CAPTURED = "captured"
+# Beside what was learned with a verdict: the same without it.
+WITHOUT = "without"
 DATA = Path("data")
 REPORTS = Path("reports")
 

@@ -13,7 +13,7 @@ from dlolib.files import whole_folder
 from dlolib.formats import read_layout, read_motion
 from dlolib.lab.rope import LabRope
 from dlolib.params import Execute, Lab, load_block
-from stages import DATA, LABORATORY, REPORTS, run, write_metrics
+from stages import DATA, LABORATORY, REPORTS, WITHOUT, run, write_metrics
 
 
 def main(name: str) -> None:
@@ -26,6 +26,8 @@ def main(name: str) -> None:
             rope = LabRope(**load_block(Lab).rope.model_dump())
             shapes = pd.read_csv(learned / "shapes.csv")
             execute_in_lab(trajectory, layout, rope, settings.laws, shapes).write(out)
+            without = read_motion(learned / WITHOUT / "trajectory.csv")
+            execute_in_lab(without, layout, rope, settings.laws).write(out / WITHOUT)
         else:
             execute_from_log(trajectory, DATA / settings.source / name, out)
     result = json.loads((REPORTS / "execute" / name / "result.json").read_text(encoding="utf-8"))

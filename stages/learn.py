@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from dataclasses import replace
 
 from dlolib.cli_values import rope_values
@@ -10,20 +11,24 @@ from dlolib.formats import read_layout, read_verdict
 from dlolib.learn import LearnSettings, ablate, learn, write_learned
 from dlolib.params import Learn, Rod, load_block
 from dlolib.sim.rod import Rod as SimulatedRod
-from dlolib.types import Layout
-from stages import DATA, REPORTS, run, write_metrics
+from dlolib.types import Estimate, Fit, Layout
+from stages import DATA, REPORTS, WITHOUT, run, write_metrics
 
 
 def main(name: str) -> None:
     block = load_block(Learn)
     layout = read_layout(DATA / "layouts" / name)
-    rod = diagnosed_rod(layout, block.verdict_of)
+    verdict = read_verdict(REPORTS / "diagnose" / block.verdict_of)
+    rod = rod_of(layout, verdict.fit.parameters)
     learned = learn(layout, rod, settings())
     ablation = None
     if block.ablation.layout == name:
         shorter = replace(settings(), iterations=block.ablation.iterations)
         ablation = ablate(layout, rod, shorter, block.ablation.seeds)
     write_metrics(f"learn_{name}", write_learned(learned, REPORTS / "learn" / name, ablation))
+    # the same with the best elastic rod, for the report to compare
+    elastic = learn(layout, rod_of(layout, verdict.baseline.parameters), settings())
+    write_learned(elastic, REPORTS / "learn" / name / WITHOUT)
 
 
 def settings() -> LearnSettings:
@@ -38,10 +43,9 @@ def settings() -> LearnSettings:
     )
 
 
-def diagnosed_rod(layout: Layout, verdict_of: str) -> SimulatedRod:
-    """The layout's rope with the physics that the diagnosis found in the recording `verdict_of`."""
-    verdict = read_verdict(REPORTS / "diagnose" / verdict_of)
-    known = rope_values(layout.rope, layout.name, verdict.fit, {})
+def rod_of(layout: Layout, parameters: Mapping[str, Estimate]) -> SimulatedRod:
+    """The layout's rope with the physics that a diagnosis found."""
+    known = rope_values(layout.rope, layout.name, Fit(parameters, 0.0, 0, 0), {})
     return SimulatedRod.of(known.rope, known.parameters)
 
 

@@ -166,7 +166,7 @@ def test_cards_say_which_command_gives_them(content: dict) -> None:
 
 def test_page_holds_every_section_caption_and_cell(out: Path, content: dict) -> None:
     text = unescape(re.sub(r"</?(?:code|sub|strong)>", "", (out / "report.html").read_text(encoding="utf-8")))
-    assert len(content["sections"]) == 12
+    assert len(content["sections"]) == 13
     shown = [section["title"] for section in content["sections"]]
     shown += [block["caption"] for kind in ("figure", "table") for block in blocks_of(content, kind)]
     shown += [cell for table in blocks_of(content, "table") for row in table["rows"] for cell in row]
