@@ -112,6 +112,16 @@ def frozen(limits: ti.template(), b: int, k: int, lagged: int) -> vec4:
 
 
 @ti.func
+def pulled(limits: ti.template(), b: int, k: int, lagged: int) -> vec3:
+    """The stretch that contact k is expected to have, where its limit is noted."""
+    found = vec3(0.0)
+    if lagged == 1:
+        for j in ti.static(range(3)):
+            found[j] = limits[b, 4 + j, k]
+    return found
+
+
+@ti.func
 def assemble(
     b: int, t: int, m: int, x: ti.template(), q: ti.template(), first: ti.template(), past: ti.template(),
     slip: ti.template(), sliding: ti.template(), end_q: ti.template(), steps: ti.template(),
@@ -199,7 +209,7 @@ def assemble(
                     ef, hold, stretch, by_p, _by_past, _k = friction(
                         point, sample(x, b, t - 1, p, j), slip[b, t - 1, k], contacts[b, k, 1],
                         contacts[b, k, 0], obstacles, b, kept(sliding, b, t, k, forced),
-                        frozen(limits, b, k, lagged),
+                        frozen(limits, b, k, lagged), pulled(limits, b, k, lagged),
                     )  # fmt: skip
                     e += ef
                     g += hold * stretch
@@ -276,7 +286,7 @@ def advance(
                     _e, _hold, stretch, _by_p, _by_past, slides = friction(
                         sample(x, b, t, i, j), sample(x, b, t - 1, i, j), slip[b, t - 1, k],
                         contacts[b, k, 1], contacts[b, k, 0], obstacles, b, kept(sliding, b, t, k, forced),
-                        vec4(-1.0),
+                        vec4(-1.0), vec3(0.0),
                     )  # fmt: skip
                     if forced == 0:
                         sliding[b, t, k] = slides

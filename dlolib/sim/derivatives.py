@@ -126,6 +126,7 @@ def linearise(
                         _e, hold, _s, by_p, by_past, _on = friction(
                             sample(x, b, t, p, j), sample(x, b, t - 1, p, j), slip[b, t - 1, k],
                             contacts[b, k, 1], contacts[b, k, 0], obstacles, b, sliding[b, t, k], vec4(-1.0),
+                            vec3(0.0),
                         )  # fmt: skip
                         rubs[m, k, 0] = hold
                         for r in ti.static(range(3)):

@@ -35,6 +35,10 @@ ROUNDING = 1e-7
 QUADRATIC_1_M = 1e4
 # Newton's step at which contacts with noted limits are near enough to note them anew.
 LAGGED_ENOUGH = 1e-4
+# The farthest that a shape on a saddle, found with a shift, is moved onto it.
+LARGEST_POLISH = 1e-5
+# Stiffness that a step which made things worse is tried again with, over the rope's own.
+LEAST_DAMPING, MOST_DAMPING = 1e-6, 1e12
 
 
 @ti.func
@@ -94,8 +98,49 @@ def note_limits(
                 k = SAMPLES * p + j
                 limit, normal, _slope, _bend = grip_of(sample(x, b, t, p, j), contacts[b, k, 1], obstacles, b)
                 limits[b, 0, k] = limit
+                pull = shortened(vec3(limits[b, 4, k], limits[b, 5, k], limits[b, 6, k]), limit)
                 for j in ti.static(range(3)):
-                    limits[b, j + 1, k] = normal[j]
+                    limits[b, 1 + j, k] = normal[j]
+                    limits[b, 4 + j, k] = pull[j]
+
+
+@ti.func
+def shortened(v: vec3, most: float) -> vec3:
+    """v, or as much of it as is not longer than that."""
+    return v * ti.min(1.0, most / ti.max(v.norm(), 1e-300))
+
+
+@ti.func
+def note_pulls(
+    b: int, t: int, base_x: ti.template(), x: ti.template(), y: ti.template(), slip: ti.template(),
+    limits: ti.template(),
+):  # fmt: skip
+    """What stretch Newton's step in column 1 from base_x expects of each contact whose limit is noted."""
+    n = x.shape[2]
+    for p in range(n):
+        for j in range(SAMPLES):
+            k = SAMPLES * p + j
+            if (j == 0 or p + 1 < n) and limits[b, 0, k] > 0.0:
+                there = j / float(SAMPLES)
+                r = 6 * (p + 1)
+                step = (1.0 - there) * vec3(y[b, 1, r], y[b, 1, r + 1], y[b, 1, r + 2])
+                here = (1.0 - there) * base_x[b, p]
+                if j > 0:
+                    step += there * vec3(y[b, 1, r + 6], y[b, 1, r + 7], y[b, 1, r + 8])
+                    here += there * base_x[b, p + 1]
+                limit = limits[b, 0, k]
+                normal = vec3(limits[b, 1, k], limits[b, 2, k], limits[b, 3, k])
+                pull = vec3(limits[b, 4, k], limits[b, 5, k], limits[b, 6, k])
+                v = slip[b, t - 1, k] + here - sample(x, b, t - 1, p, j)
+                v -= normal.dot(v) * normal
+                step -= normal.dot(step) * normal
+                size = v.norm()
+                expected = v + step
+                if size > limit:
+                    expected = (limit * expected - v.dot(step) / size * pull) / size
+                expected = shortened(expected, limit)
+                for i in ti.static(range(3)):
+                    limits[b, 4 + i, k] = expected[i]
 
 
 @ti.kernel
@@ -147,7 +192,11 @@ def roll_out(
         for i in range(n):
             if obstacles.shape[1] > 0 or laws_act(joints, b, i):
                 bend = 1e300
-        rough = 0
+        # nothing resists a turn about itself of a rope that neither end holds
+        loose = 0.0
+        if joints[b, 0, STIFFNESS + 2] == 0.0 and joints[b, n - 1, STIFFNESS + 2] == 0.0:
+            loose = LEAST_DAMPING
+        rough, kept = 0, 0.0
         for k in range(obstacles.shape[1]):
             if obstacles[b, k, FRICTION] > 0.0 and fresh == 0:
                 rough = 1
@@ -160,12 +209,12 @@ def roll_out(
                         past[b, t - 1, i, k] = 0.0
             done = not alive
             lowest, least = 1e300, 1e300
-            fraction, shift, enough = 1.0, 0.0, 0.0
+            fraction, shift, enough, damping, promised = 1.0, 0.0, 0.0, 0.0, 0.0
             step, last_step = 1e300, 1e300
-            converged = False
+            converged, returned, shifted, exact = False, True, False, False
             count = 0
             # friction first by the limits of the step before, which makes it a potential; then in full
-            lagged, rounds, again = rough, 1, 1
+            lagged, rounds, again, noted = rough, 1, 1, 0
             while not done and count < most:
                 count += 1
                 energy = assemble(
@@ -182,41 +231,64 @@ def roll_out(
                 worse = energy > lowest + 1e-13 * ti.abs(lowest) + 1e-18
                 if symmetric == 0 and lagged == 0:
                     worse = force > least and (worse or rough == 1)
-                stands = False
-                if worse and fraction > 1e-6 and shift == 0.0:
-                    fraction *= 0.5
-                    if rough == 1 and lagged == 0 and fraction < 0.1:
-                        # the contacts' state goes to and fro: back to the last good shape, with its limits,
-                        # and nearer with limits noted again and again
+                back = False
+                if worse and shift == 0.0 and not exact:
+                    if rough == 1 and lagged == 0:
+                        back = True
+                        fraction *= 0.5
+                        if fraction < 0.1:
+                            # the contacts' state goes to and fro: back to the last good shape, with its
+                            # limits, and nearer with limits noted again and again
+                            fraction = 0.0
+                            lagged = 1
+                            rounds = ti.min(4 * rounds, 256)
+                            again = rounds
+                            lowest, least = 1e300, 1e300
+                    elif fraction > 0.2:
+                        back = True
+                        fraction *= 0.5
+                    elif damping < MOST_DAMPING:
+                        # the same again from the last good shape, its softest ways made stiffer
+                        back = True
+                        damping = ti.max(LEAST_DAMPING, ti.max(10.0 * ti.max(damping, enough), kept / 10.0))
                         fraction = 0.0
-                        lagged = 1
-                        rounds = ti.min(4 * rounds, 256)
-                        again = rounds
-                        lowest, least = 1e300, 1e300
-                else:
+                stands = False
+                if not back:
+                    gain = lowest - energy
                     lowest, least = energy, force
+                    if not returned and damping > 0.0:
+                        kept = damping
+                        damping /= 10.0 if gain > 0.75 * promised else 3.0
+                        if damping < LEAST_DAMPING:
+                            damping = 0.0
                     hold_ends(upper, lower, b, n, b, grips, clamped)
-                    if shift > 0.0:
+                    more = ti.max(loose, ti.max(shift, damping))
+                    if more > 0.0:
                         for r in range(rows):
-                            upper[b, r, 0] += shift * scale_of(r, scale_x, scale_t)
-                    stands = factor(upper, lower, b, rows, symmetric, 1) > 0
+                            upper[b, r, 0] += more * scale_of(r, scale_x, scale_t)
+                    stands = factor(upper, lower, b, rows, symmetric, 0 if exact else 1) > 0
                     if stands:
                         # not positive definite, a rope about to buckle: the same again with a shift, which
                         # begins a little below the one that was enough before
-                        shift = ti.max(1e-3, 4.0 * ti.max(shift, enough / 64.0))
+                        shift = ti.max(LEAST_DAMPING, 10.0 * ti.max(more, enough / 1000.0))
                         count -= 1
                         if shift > 1e12:
                             done = True
                             status[b, t - 1] = NOT_FINITE
                             alive = False
                     else:
+                        shifted = shift > 0.0
                         enough = shift
                         shift = 0.0
+                        for r in range(rows):
+                            y[b, 1, r] = y[b, 0, r]
                         solve(upper, lower, b, y, b, 0, rows)
                         # column 1 keeps the step while the line search looks along it
                         last_step = step
-                        step = 0.0
+                        step, promised = 0.0, 0.0
                         for r in range(rows):
+                            held = more * scale_of(r, scale_x, scale_t)
+                            promised += 0.5 * y[b, 0, r] * (y[b, 1, r] + held * y[b, 0, r])
                             y[b, 1, r] = y[b, 0, r]
                             step = ti.max(step, ti.abs(y[b, 0, r]))
                         if not (step < 1e300):
@@ -224,10 +296,14 @@ def roll_out(
                             status[b, t - 1] = NOT_FINITE
                             alive = False
                         fraction = ti.min(1.0, LARGEST_TURN / (step + 1e-300))
+                        if exact and step > LARGEST_POLISH:
+                            fraction = 0.0
                         for p in range(n):
                             base_x[b, p] = x[b, t, p]
                         for i in range(n + 1):
                             base_q[b, i] = q[b, t, i]
+                        if lagged == 1:
+                            note_pulls(b, t, base_x, x, y, slip, limits)
                 if not stands:
                     for p in range(n):
                         r = 6 * (p + 1)
@@ -239,16 +315,27 @@ def roll_out(
                         q[b, t, i] = rotated(
                             base_q[b, i], fraction * vec3(y[b, 1, r], y[b, 1, r + 1], y[b, 1, r + 2])
                         )
+                returned = stands or (back and fraction == 0.0)
+                met = False
                 if stands:
                     pass
-                elif fraction == 0.0:
-                    note_limits(b, t, x, contacts, obstacles, limits)
-                    fraction = 1.0
-                    step = 1e300
+                elif exact:
+                    done = step < tolerance or fraction == 0.0 or step > 0.5 * last_step
+                    converged = done
+                elif back:
+                    if fraction == 0.0:
+                        step = 1e300
+                        if lagged == 1 and lowest == 1e300:
+                            note_limits(b, t, x, contacts, obstacles, limits)
+                            noted = 1
+                elif damping > 0.0:
+                    noted = 0
                 elif lagged == 1:
+                    met = noted == 1 and step < tolerance
+                    noted = 0
                     if step < LAGGED_ENOUGH / rounds:
-                        converged = step < tolerance
                         note_limits(b, t, x, contacts, obstacles, limits)
+                        noted = 1
                         again -= 1
                         if again == 0:
                             lagged = 0
@@ -259,6 +346,11 @@ def roll_out(
                     or step < tolerance
                     or (step < ROUNDING and step > 0.5 * last_step)
                 ):
+                    met = True
+                if met and shifted:
+                    # a shifted step is not what is missing to a saddle
+                    exact, lagged, step = True, 0, 1e300
+                elif met:
                     converged = True
                     done = True
             if rough == 1:

@@ -177,7 +177,7 @@ def roll_out(scene: Scene, state: State, path: Path, clock: Clock) -> Rollout:
     direct.roll_out(
         x, q, before, past, slip, sliding, np.ascontiguousarray(path.x), np.ascontiguousarray(path.q),
         _steps(path, clock), *scene.arrays(), *clock.flags, int(scene.symmetric), TOLERANCE, MOST_ITERATIONS,
-        *(_band(ropes, n) for _ in range(2)), _columns(ropes, 2, n), np.zeros((ropes, 4, contact_points(n))),
+        *(_band(ropes, n) for _ in range(2)), _columns(ropes, 2, n), np.zeros((ropes, 7, contact_points(n))),
         np.empty((ropes, n, 3)), np.empty((ropes, n + 1, 4)), status, iterations,
     )  # fmt: skip
     _refuse(status)
