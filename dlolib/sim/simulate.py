@@ -175,10 +175,11 @@ def roll_out(scene: Scene, state: State, path: Path, clock: Clock) -> Rollout:
     status, iterations = np.zeros((ropes, count), np.int32), np.zeros((ropes, count), np.int32)
     before = np.ascontiguousarray(state.before)
     direct.roll_out(
-        x, q, before, past, slip, sliding, np.ascontiguousarray(path.x), np.ascontiguousarray(path.q),
-        _steps(path, clock), *scene.arrays(), *clock.flags, int(scene.symmetric), TOLERANCE, MOST_ITERATIONS,
-        *(_band(ropes, n) for _ in range(2)), _columns(ropes, 2, n), np.zeros((ropes, 7, contact_points(n))),
-        np.empty((ropes, n, 3)), np.empty((ropes, n + 1, 4)), status, iterations,
+        _plain(scene), x, q, before, past, slip, sliding, np.ascontiguousarray(path.x),
+        np.ascontiguousarray(path.q), _steps(path, clock), *scene.arrays(), *clock.flags,
+        int(scene.symmetric), TOLERANCE, MOST_ITERATIONS, *(_band(ropes, n) for _ in range(2)),
+        _columns(ropes, 2, n), np.zeros((ropes, 7, contact_points(n))), np.empty((ropes, n, 3)),
+        np.empty((ropes, n + 1, 4)), status, iterations,
     )  # fmt: skip
     _refuse(status)
     return Rollout(scene, clock, path, before, x, q, past, slip, sliding, iterations)
@@ -285,7 +286,7 @@ def _forces(rollout: Rollout, case: Case) -> tuple[Floats, Floats, Floats]:
         rollout.x, rollout.q, rollout.before, rollout.past, rollout.slip, rollout.sliding,
         np.ascontiguousarray(case.path.q),
         _steps(case.path, rollout.clock), *case.scene.arrays(), *rollout.clock.flags,
-        int(rollout.scene.symmetric), np.zeros((1, 1, 1)), y, past, slip,
+        int(rollout.scene.symmetric), np.zeros((1, 1, HALF + 1)), y, past, slip,
     )  # fmt: skip
     return y[:, 0], past[:, 0], slip[:, 0]
 
@@ -329,6 +330,11 @@ def _steps(path: Path, clock: Clock) -> Floats:
     if path.span is not None:
         steps[:, :, 1] = path.span
     return steps
+
+
+def _plain(scene: Scene) -> bool:
+    """Whether nothing acts on the ropes but what is elastic, loads and inertia."""
+    return scene.symmetric and not scene.obstacles.shape[1] and not scene.joints[..., FIRST_LAW:].any()
 
 
 def _band(slots: int, n: int) -> Floats:
