@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 from mujoco import minimize
+from scipy.interpolate import interp1d
 from scipy.optimize import least_squares
 
 from dlolib.errors import DloError
@@ -27,7 +28,7 @@ from dlolib.identify.identify import CORRECTIONS, FINER
 from dlolib.learn import learn
 from dlolib.sim.recording import RecordingModel
 from dlolib.sim.rod import Rod, scene
-from dlolib.sim.scene import Scene
+from dlolib.sim.scene import SAMPLES, Scene, contact_points
 from dlolib.sim.simulate import Clock, Rollout, State, gradient, roll_out
 from dlolib.sim.simulate import Path as SimPath
 from dlolib.sim.start import settle
@@ -209,7 +210,7 @@ CYLINDERS = tuple(
 SOFT = 1e-6
 
 
-def _laid(rod: Rod, obstacles: tuple[Obstacle, ...]) -> tuple[Scene, State]:
+def laid(rod: Rod, obstacles: tuple[Obstacle, ...]) -> tuple[Scene, State]:
     """The rod at the arc's beginning, fallen from an arch, which it is with gravity the other way."""
     _, arch = peers.at_rest([rod], obstacles, -GRAVITY)
     made = scene([rod], GRAVITY, Ends(), obstacles)
@@ -220,18 +221,17 @@ def _laid(rod: Rod, obstacles: tuple[Obstacle, ...]) -> tuple[Scene, State]:
 def contact() -> Iterator[Figure]:
     """The step with the rope on two rough cylinders over the same step without them."""
     rough = Rod(ROPE, SOFT, SOFT, {"contact_friction.coefficient": 0.3})
-    made, start = _laid(rough, CYLINDERS)
+    made, start = laid(rough, CYLINDERS)
     path = peers.arc_path()
     last: list[Rollout] = []
 
     def lying() -> None:
         last[:] = [roll_out(made, start, path, Clock(STEP_S))]
 
-    bare, begin = _laid(replace(rough, effects={}), ())
+    bare, begin = laid(replace(rough, effects={}), ())
     touching, free = in_turn([lying, lambda: roll_out(bare, begin, path, Clock(STEP_S))], 3)
-    x = last[0].x[0, 1:]
-    points = np.empty((STEPS, 59, 3))
-    points[:, 0::2], points[:, 1::2] = x, (x[:, 1:] + x[:, :-1]) / 2
+    x, share = last[0].x[0, 1:], np.arange(contact_points(rough.particles)) / SAMPLES
+    points = interp1d(np.arange(rough.particles), x, axis=1)(share)
     centres = np.array([o.values["center_m"] for o in CYLINDERS])[:, [0, 2]]
     radius = CYLINDERS[0].values["radius_m"][0]
     away = np.linalg.norm(points[:, :, None, [0, 2]] - centres, axis=3).min(axis=2)

@@ -64,7 +64,7 @@ def _errors() -> tuple[dict[str, float], list[str], list[str]]:
     errors: dict[str, float] = {}
     left_out: list[str] = []
     idle: list[str] = []
-    for name, recording, rod, parameters in _cases():
+    for name, recording, rod, parameters in scenes():
         model = RecordingModel(recording, PARTICLES, STEP_S)
         by_sensitivity = model.predict(rod, parameters).by_parameter
         for k, parameter in enumerate(parameters):
@@ -85,7 +85,7 @@ def _errors() -> tuple[dict[str, float], list[str], list[str]]:
     return errors, left_out, idle
 
 
-def _cases() -> Iterator[tuple[str, Recording, Rod, list[str]]]:
+def scenes() -> Iterator[tuple[str, Recording, Rod, list[str]]]:
     """Every effect on a short arc, and every shape, smooth and rough: name, recording, rod, parameters."""
     own = ["bending_stiffness", "torsional_stiffness"]
     for effect in EFFECTS:

@@ -5,9 +5,9 @@ and the grasp (the paper's q_0 and q_n), joined to the rope over half a segment,
 the wall and not in the middle of the first segment.
 """
 
-from dlolib.sim.band import HALF
+from dlolib.sim.band import HALF, row_type
 from dlolib.sim.contact import friction, push, within
-from dlolib.sim.joints import curvature, laws_act, remember, respond
+from dlolib.sim.joints import curvature, elastic, laws_act, remember, respond
 from dlolib.sim.rotations import identity
 from dlolib.sim.runtime import mat3, ti, vec3, vec4
 from dlolib.sim.scene import DRAG, INERTIA, LENGTH, LOAD, SAMPLES
@@ -16,6 +16,7 @@ from dlolib.sim.strain import bend_twist, darboux, stretch_shear
 scalars2 = ti.types.ndarray(dtype=ti.f64, ndim=2)
 scalars3 = ti.types.ndarray(dtype=ti.f64, ndim=3)
 scalars4 = ti.types.ndarray(dtype=ti.f64, ndim=4)
+bands = ti.types.ndarray(dtype=row_type, ndim=2)
 vectors2 = ti.types.ndarray(dtype=vec3, ndim=2)
 vectors3 = ti.types.ndarray(dtype=vec3, ndim=3)
 vectors4 = ti.types.ndarray(dtype=vec3, ndim=4)
@@ -35,17 +36,17 @@ def write_upper(
 ):
     """Rows of block i: its own xx, x-theta and theta-theta, and those that couple it to block i + 1."""
     for r in ti.static(range(3)):
+        position, turn = row_type(0.0), row_type(0.0)
         for c in ti.static(range(3)):
             if ti.static(c >= r):
-                upper[m, 6 * i + r, c - r] = xx[r, c]
-                upper[m, 6 * i + 3 + r, c - r] = tt[r, c]
-            upper[m, 6 * i + r, 3 + c - r] = xt[r, c]
-            upper[m, 6 * i + r, 6 + c - r] = x_x[r, c]
-            upper[m, 6 * i + 3 + r, 3 + c - r] = t_x[r, c]
-            upper[m, 6 * i + 3 + r, 6 + c - r] = t_t[r, c]
-        for k in ti.static(range(9 - r, HALF + 1)):
-            upper[m, 6 * i + r, k] = 0.0
-            upper[m, 6 * i + 3 + r, k] = 0.0
+                position[c - r] = xx[r, c]
+                turn[c - r] = tt[r, c]
+            position[3 + c - r] = xt[r, c]
+            position[6 + c - r] = x_x[r, c]
+            turn[3 + c - r] = t_x[r, c]
+            turn[6 + c - r] = t_t[r, c]
+        upper[m, 6 * i + r] = position
+        upper[m, 6 * i + 3 + r] = turn
 
 
 @ti.func
@@ -54,17 +55,17 @@ def write_lower(
 ):
     """Columns of block i: the same below the diagonal; x_t is by theta of block i, of the next particle."""
     for r in ti.static(range(3)):
+        position, turn = row_type(0.0), row_type(0.0)
         for c in ti.static(range(3)):
             if ti.static(c > r):
-                lower[m, 6 * i + r, c - r] = xx[c, r]
-                lower[m, 6 * i + 3 + r, c - r] = tt[c, r]
-            lower[m, 6 * i + r, 3 + c - r] = tx[c, r]
-            lower[m, 6 * i + r, 6 + c - r] = x_x[c, r]
-            lower[m, 6 * i + 3 + r, 3 + c - r] = x_t[c, r]
-            lower[m, 6 * i + 3 + r, 6 + c - r] = t_t[c, r]
-        for k in ti.static(range(9 - r, HALF + 1)):
-            lower[m, 6 * i + r, k] = 0.0
-            lower[m, 6 * i + 3 + r, k] = 0.0
+                position[c - r] = xx[c, r]
+                turn[c - r] = tt[c, r]
+            position[3 + c - r] = tx[c, r]
+            position[6 + c - r] = x_x[c, r]
+            turn[3 + c - r] = x_t[c, r]
+            turn[6 + c - r] = t_t[c, r]
+        lower[m, 6 * i + r] = position
+        lower[m, 6 * i + 3 + r] = turn
 
 
 @ti.func
@@ -112,13 +113,23 @@ def frozen(limits: ti.template(), b: int, k: int, lagged: int) -> vec4:
 
 
 @ti.func
+def pulled(limits: ti.template(), b: int, k: int, lagged: int) -> vec3:
+    """The stretch that contact k is expected to have, where its limit is noted."""
+    found = vec3(0.0)
+    if lagged == 1:
+        for j in ti.static(range(3)):
+            found[j] = limits[b, 4 + j, k]
+    return found
+
+
+@ti.func
 def assemble(
     b: int, t: int, m: int, x: ti.template(), q: ti.template(), first: ti.template(), past: ti.template(),
     slip: ti.template(), sliding: ti.template(), end_q: ti.template(), steps: ti.template(),
     joints: ti.template(), segments: ti.template(), particles: ti.template(), contacts: ti.template(),
     obstacles: ti.template(), grips: ti.template(), clamped: ti.template(), moving: int, momentum: float,
     fresh: int, symmetric: int, forced: int, lagged: int, limits: ti.template(), upper: ti.template(),
-    lower: ti.template(), y: ti.template(), hessian: ti.template(),
+    lower: ti.template(), y: ti.template(), hessian: ti.template(), plain: ti.template(),
 ) -> float:  # fmt: skip
     """Write the Hessian of the step to index t of rope b into slot m, minus its gradient into y[m, 0].
 
@@ -127,7 +138,8 @@ def assemble(
     m |x - free flight|^2 / (2 dt^2) and drag |x - x_before|^2 / (2 dt). `first` are the positions one step
     before index 0. With `forced` laws and contacts take the branches noted at index t. With `lagged` contacts
     slide at the `limits` and along the surfaces noted, wherever they are. With `fresh` the laws see the rope
-    come from being straight, at once. Without `hessian` (a compile-time choice) upper and lower are left.
+    come from being straight, at once. Two choices of compile time: without `hessian` upper and lower are
+    left; a `plain` rope has neither laws nor obstacles, and is symmetric.
     """
     n = particles.shape[1]
     dt = steps[b, t, 0] * (1 - fresh)
@@ -144,10 +156,12 @@ def assemble(
             now_l, before_l = joint_lengths(joints, steps, b, t, i)
             phi, w, v, c, c1, c2 = darboux(q[b, t, i], q[b, t, i + 1])
             kappa = phi / now_l
-            before = kappa
-            if laws_act(joints, b, i):
-                before = bent_before(q, b, t, i, before_l, fresh)
-            e, moment, tangent = respond(joints, past, b, t - 1, i, kappa, before, dt, forced)
+            e, moment, tangent = elastic(joints, b, i, kappa)
+            if ti.static(not plain):
+                before = kappa
+                if laws_act(joints, b, i):
+                    before = bent_before(q, b, t, i, before_l, fresh)
+                e, moment, tangent = respond(joints, past, b, t - 1, i, kappa, before, dt, forced)
             energy += now_l * e
             ga, gb, aa, ab, ba, bb = bend_twist(w, v, c, c1, c2, moment, tangent / now_l)
             gt += ga
@@ -182,34 +196,35 @@ def assemble(
                 tt += h
         if i > 0:
             p = i - 1
-            # a smooth rope whose segment is out of reach has nothing to look for
-            reach = SAMPLES if p + 1 < n else 1
-            if symmetric == 1 and p + 1 < n:
-                k = SAMPLES * p + SAMPLES // 2
-                span = 0.6 * segments[b, p, 0] * steps[b, t, 1]
-                if not within(sample(x, b, t, p, SAMPLES // 2), contacts[b, k, 1] + span, obstacles, b):
-                    reach = 0
-            for j in range(reach):
-                k = SAMPLES * p + j
-                there = j / float(SAMPLES)
-                here = 1.0 - there
-                point = sample(x, b, t, p, j)
-                e, g, h = push(point, contacts[b, k, 1], contacts[b, k, 0], obstacles, b)
-                if symmetric == 0 and fresh == 0:
-                    ef, hold, stretch, by_p, _by_past, _k = friction(
-                        point, sample(x, b, t - 1, p, j), slip[b, t - 1, k], contacts[b, k, 1],
-                        contacts[b, k, 0], obstacles, b, kept(sliding, b, t, k, forced),
-                        frozen(limits, b, k, lagged),
-                    )  # fmt: skip
-                    e += ef
-                    g += hold * stretch
-                    h += hold * by_p
-                energy += e
-                gx += here * g
-                xx += here * here * h
-                gx_next += there * g
-                xx_next += there * there * h
-                rub += here * there * h
+            if ti.static(not plain):
+                # a smooth rope whose segment is out of reach has nothing to look for
+                reach = SAMPLES if p + 1 < n else 1
+                if symmetric == 1 and p + 1 < n:
+                    k = SAMPLES * p + SAMPLES // 2
+                    span = 0.6 * segments[b, p, 0] * steps[b, t, 1]
+                    if not within(sample(x, b, t, p, SAMPLES // 2), contacts[b, k, 1] + span, obstacles, b):
+                        reach = 0
+                for j in range(reach):
+                    k = SAMPLES * p + j
+                    there = j / float(SAMPLES)
+                    here = 1.0 - there
+                    point = sample(x, b, t, p, j)
+                    e, g, h = push(point, contacts[b, k, 1], contacts[b, k, 0], obstacles, b)
+                    if symmetric == 0 and fresh == 0:
+                        ef, hold, stretch, by_p, _by_past, _k = friction(
+                            point, sample(x, b, t - 1, p, j), slip[b, t - 1, k], contacts[b, k, 1],
+                            contacts[b, k, 0], obstacles, b, kept(sliding, b, t, k, forced),
+                            frozen(limits, b, k, lagged), pulled(limits, b, k, lagged),
+                        )  # fmt: skip
+                        e += ef
+                        g += hold * stretch
+                        h += hold * by_p
+                    energy += e
+                    gx += here * g
+                    xx += here * here * h
+                    gx_next += there * g
+                    xx_next += there * there * h
+                    rub += here * there * h
             load = vec3(particles[b, p, LOAD], particles[b, p, LOAD + 1], particles[b, p, LOAD + 2])
             energy -= load.dot(x[b, t, p])
             gx -= load
@@ -223,7 +238,7 @@ def assemble(
                 xx += (inertia + drag) * identity()
         if ti.static(hessian):
             write_upper(upper, m, i, xx, xt, tt, x_x + rub, t_x, t_t)
-            if symmetric == 0:
+            if ti.static(not plain) and symmetric == 0:
                 write_lower(lower, m, i, xx, xt.transpose(), tt, x_x + rub, t_x.transpose(), t_t_low)
         for r in ti.static(range(3)):
             y[m, 0, 6 * i + r] = -gx[r]
@@ -276,7 +291,7 @@ def advance(
                     _e, _hold, stretch, _by_p, _by_past, slides = friction(
                         sample(x, b, t, i, j), sample(x, b, t - 1, i, j), slip[b, t - 1, k],
                         contacts[b, k, 1], contacts[b, k, 0], obstacles, b, kept(sliding, b, t, k, forced),
-                        vec4(-1.0),
+                        vec4(-1.0), vec3(0.0),
                     )  # fmt: skip
                     if forced == 0:
                         sliding[b, t, k] = slides
@@ -324,12 +339,12 @@ def hold_ends(
         if is_held(end, b, grips, clamped):
             for r in range(row_of(end, n), row_of(end, n) + 3):
                 for k in range(1, HALF + 1):
-                    upper[m, r, k] = 0.0
-                    lower[m, r, k] = 0.0
+                    upper[m, r][k] = 0.0
+                    lower[m, r][k] = 0.0
                     if r - k >= 0:
-                        upper[m, r - k, k] = 0.0
-                        lower[m, r - k, k] = 0.0
-                upper[m, r, 0] = 1.0
+                        upper[m, r - k][k] = 0.0
+                        lower[m, r - k][k] = 0.0
+                upper[m, r][0] = 1.0
 
 
 @ti.func

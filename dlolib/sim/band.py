@@ -3,13 +3,15 @@
 A particle and its segment's frame are six unknowns; each couples only to its neighbours, and a particle
 not to the next frame, so the half bandwidth is 8. Row r of `upper[m]` holds A[r, r], ..., A[r, r + 8], row
 r of `lower[m]` the column A[r, r], ..., A[r + 8, r] (its first entry is not used); eight rows of zeros follow
-the last, so that no loop asks where the matrix ends.
+the last, so that no loop asks where the matrix ends. Three rows, those of a position or a turn, couple to no
+more than the nine columns from the first of them on.
 """
 
 from dlolib.sim.runtime import ti
 
 HALF = 8
 vec8 = ti.types.vector(HALF, ti.f64)
+row_type = ti.types.vector(HALF + 1, ti.f64)
 # Rows 0 ... 8 of a triangle, each shorter by one, in one vector: where each begins.
 PLACE = tuple(i * (HALF + 1) - i * (i - 1) // 2 for i in range(HALF + 1))
 triangle = ti.types.vector(PLACE[-1] + 1, ti.f64)
@@ -35,32 +37,38 @@ def factor(
 
 @ti.func
 def factor_symmetric(upper: ti.template(), lower: ti.template(), m: int, rows: int, definite: int) -> int:
-    """See `factor`. What a row changes of the eight that follow it, a triangle, stays in registers."""
+    """See `factor`. Three rows at once; what they change, a triangle of nine, stays in registers."""
     failed = 0
     window = triangle(0.0)
     for i in ti.static(range(HALF + 1)):
         for k in ti.static(range(HALF + 1 - i)):
-            window[PLACE[i] + k] = upper[m, i, k]
-    for r in range(rows):
-        if failed == 0:
-            pivot = window[0]
-            if pivot > 0.0 or (definite == 0 and pivot < 0.0):
-                inverse = 1.0 / pivot
-                upper[m, r, 0] = inverse
-                for i in ti.static(range(1, HALF + 1)):
-                    upper[m, r, i] = window[i]
-                    share = window[i] * inverse
-                    lower[m, r, i] = share
-                    for k in ti.static(range(HALF + 1 - i)):
-                        window[PLACE[i] + k] -= share * window[i + k]
-                for i in ti.static(range(HALF)):
-                    for k in ti.static(range(HALF - i)):
-                        window[PLACE[i] + k] = window[PLACE[i + 1] + k]
-                    window[PLACE[i] + HALF - i] = upper[m, r + 1 + i, HALF - i]
-                # row r + 9 is past the end once; nothing reads it
-                window[PLACE[HALF]] = upper[m, ti.min(r + HALF + 1, rows + HALF - 1), 0]
-            else:
-                failed = r + 1
+            window[PLACE[i] + k] = upper[m, i][k]
+    for block in range(rows // 3):
+        r = 3 * block
+        for s in ti.static(range(3)):
+            pivot = window[PLACE[s]]
+            if failed == 0 and not (pivot > 0.0 or (definite == 0 and pivot < 0.0)):
+                failed = r + s + 1
+            inverse = 1.0 / pivot
+            row, column = row_type(0.0), row_type(0.0)
+            row[0] = inverse
+            for i in ti.static(range(s + 1, HALF + 1)):
+                row[i - s] = window[PLACE[s] + i - s]
+                share = row[i - s] * inverse
+                column[i - s] = share
+                for k in ti.static(range(HALF + 1 - i)):
+                    window[PLACE[i] + k] -= share * window[PLACE[s] + i - s + k]
+            upper[m, r + s], lower[m, r + s] = row, column
+        for i in ti.static(range(HALF + 1)):
+            # a row past the end is read once, and not used
+            following = upper[m, ti.min(r + 3 + i, rows + HALF - 1)]
+            for k in ti.static(range(HALF + 1 - i)):
+                if ti.static(i + k < 6):
+                    window[PLACE[i] + k] = window[PLACE[i + 3] + k]
+                else:
+                    window[PLACE[i] + k] = following[k]
+        if failed > 0:
+            break
     return failed
 
 
@@ -69,19 +77,19 @@ def factor_general(upper: ti.template(), lower: ti.template(), m: int, rows: int
     """See `factor`."""
     failed = 0
     for r in range(rows):
-        pivot = upper[m, r, 0]
+        pivot = upper[m, r][0]
         if failed == 0:
             if pivot > 0.0 or (definite == 0 and pivot < 0.0):
                 inverse = 1.0 / pivot
-                upper[m, r, 0] = inverse
+                upper[m, r][0] = inverse
                 for i in ti.static(range(1, HALF + 1)):
-                    share = lower[m, r, i] * inverse
-                    lower[m, r, i] = share
+                    share = lower[m, r][i] * inverse
+                    lower[m, r][i] = share
                     for k in ti.static(range(1, HALF + 1)):
                         if ti.static(k >= i):
-                            upper[m, r + i, k - i] = upper[m, r + i, k - i] - share * upper[m, r, k]
+                            upper[m, r + i][k - i] = upper[m, r + i][k - i] - share * upper[m, r][k]
                         else:
-                            lower[m, r + k, i - k] = lower[m, r + k, i - k] - share * upper[m, r, k]
+                            lower[m, r + k][i - k] = lower[m, r + k][i - k] - share * upper[m, r][k]
             else:
                 failed = r + 1
     return failed
@@ -97,18 +105,20 @@ def solve(upper: ti.template(), lower: ti.template(), m: int, y: ti.template(), 
     for r in range(rows):
         value = ahead[0]
         y[b, c, r] = value
+        column = lower[m, r]
         for k in ti.static(range(HALF - 1)):
-            ahead[k] = ahead[k + 1] - lower[m, r, k + 1] * value
-        ahead[HALF - 1] = y[b, c, r + HALF] - lower[m, r, HALF] * value
+            ahead[k] = ahead[k + 1] - column[k + 1] * value
+        ahead[HALF - 1] = y[b, c, r + HALF] - column[HALF] * value
     behind = vec8(0.0)
     for back in range(rows):
         r = rows - 1 - back
         value = y[b, c, r]
+        row = upper[m, r]
         for k in ti.static(range(HALF, 0, -1)):
-            value -= upper[m, r, k] * behind[k - 1]
+            value -= row[k] * behind[k - 1]
         for k in ti.static(range(HALF - 1, 0, -1)):
             behind[k] = behind[k - 1]
-        behind[0] = value * upper[m, r, 0]
+        behind[0] = value * row[0]
         y[b, c, r] = behind[0]
 
 
@@ -118,15 +128,15 @@ def solve_transposed(
 ):
     """Column c of y[b]: y <- A^-T y."""
     for r in range(rows):
-        value = y[b, c, r] * upper[m, r, 0]
+        value = y[b, c, r] * upper[m, r][0]
         y[b, c, r] = value
         for k in ti.static(range(1, HALF + 1)):
-            y[b, c, r + k] = y[b, c, r + k] - upper[m, r, k] * value
+            y[b, c, r + k] = y[b, c, r + k] - upper[m, r][k] * value
     for back in range(rows):
         r = rows - 1 - back
         value = y[b, c, r]
         for k in ti.static(range(1, HALF + 1)):
-            value -= lower[m, r, k] * y[b, c, r + k]
+            value -= lower[m, r][k] * y[b, c, r + k]
         y[b, c, r] = value
 
 
@@ -135,18 +145,18 @@ def times_column(
     upper: ti.template(), lower: ti.template(), m: int, y: ti.template(), b: int, c: int, r: int
 ) -> float:
     """(A^T y)[r] for column c of y[b] and an A that is not factored, both its parts written."""
-    value = upper[m, r, 0] * y[b, c, r]
+    value = upper[m, r][0] * y[b, c, r]
     for k in ti.static(range(1, HALF + 1)):
-        value += lower[m, r, k] * y[b, c, r + k]
+        value += lower[m, r][k] * y[b, c, r + k]
         if r - k >= 0:
-            value += upper[m, r - k, k] * y[b, c, r - k]
+            value += upper[m, r - k][k] * y[b, c, r - k]
     return value
 
 
 @ti.func
 def entry(upper: ti.template(), lower: ti.template(), m: int, r: int, c: int) -> float:
     """A[r, c] within the band, not factored."""
-    value = lower[m, ti.min(r, c), ti.abs(r - c)]
+    value = lower[m, ti.min(r, c)][ti.abs(r - c)]
     if c >= r:
-        value = upper[m, r, c - r]
+        value = upper[m, r][c - r]
     return value

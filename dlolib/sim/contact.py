@@ -57,7 +57,7 @@ def within(p: vec3, reach: float, o: ti.template(), b: int) -> bool:
 @ti.func
 def friction(
     p: vec3, before: vec3, past: vec3, radius: float, stiffness: float, o: ti.template(), b: int, branch: int,
-    frozen: vec4,
+    frozen: vec4, pulled: vec3,
 ):  # fmt: skip
     """Friction of a point with the rough obstacle that it is deepest in.
 
@@ -67,6 +67,7 @@ def friction(
         branch: 0 to stick, 1 to slide, -1 as it comes out.
         frozen: stretch at which it slides [m] and the surface's normal, which make the force that of a
             potential; or -1 first: by where the point is now.
+        pulled: of a frozen limit, the stretch that Newton's step before expected, no longer than the limit.
 
     Returns:
         energy [J], of a frozen limit; the spring's stiffness [N/m], 0 where nothing rough is touched;
@@ -94,7 +95,13 @@ def friction(
         if slides == 1:
             energy = hold * limit * (size - 0.5 * limit)
             e = stretch / ti.max(size, 1e-300)
-            slide = limit / ti.max(size, 1e-300) * (identity() - e.outer_product(e))
+            # one frozen whose force was expected to be less may come to stick where it goes: the primal-dual
+            # step (Chan, Golub and Mulet, SIAM J. Sci. Comput. 20, 1999), which does not go to and fro
+            to = e
+            if frozen[0] >= 0.0:
+                to = pulled / limit
+            slide = identity() - 0.5 * (e.outer_product(to) + to.outer_product(e))
+            slide *= limit / ti.max(size, 1e-300)
             stretch = limit * e
             by_p = slide @ by_p - by_depth * e.outer_product(n)
             by_past = slide @ along

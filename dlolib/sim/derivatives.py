@@ -15,6 +15,7 @@ from dlolib.sim.assembly import (
     ENDS,
     advance,
     assemble,
+    bands,
     bent_before,
     clear_held,
     flags1,
@@ -48,8 +49,7 @@ scalars5 = ti.types.ndarray(dtype=ti.f64, ndim=5)
 @ti.func
 def copy_band(source: ti.template(), target: ti.template(), b: int, rows: int):
     for r in range(rows):
-        for k in ti.static(range(HALF + 1)):
-            target[b, r, k] = source[b, r, k]
+        target[b, r] = source[b, r]
 
 
 @ti.kernel
@@ -73,10 +73,10 @@ def linearise(
     momentum: ti.f64,
     fresh: ti.i32,
     symmetric: ti.i32,
-    upper: scalars3,
-    lower: scalars3,
-    whole_upper: scalars3,
-    whole_lower: scalars3,
+    upper: bands,
+    lower: bands,
+    whole_upper: bands,
+    whole_lower: bands,
     y: scalars3,
     bends: scalars4,
     rubs: scalars3,
@@ -98,7 +98,7 @@ def linearise(
         # both parts are wanted of a symmetric K too
         assemble(
             b, t, m, x, q, first, past, slip, sliding, end_q, steps, joints, segments, particles, contacts,
-            obstacles, grips, clamped, moving, momentum, fresh, 0, 1, 0, upper, upper, lower, y, True,
+            obstacles, grips, clamped, moving, momentum, fresh, 0, 1, 0, y, upper, lower, y, True, False,
         )  # fmt: skip
         copy_band(upper, whole_upper, m, 6 * (n + 1))
         copy_band(lower, whole_lower, m, 6 * (n + 1))
@@ -126,6 +126,7 @@ def linearise(
                         _e, hold, _s, by_p, by_past, _on = friction(
                             sample(x, b, t, p, j), sample(x, b, t - 1, p, j), slip[b, t - 1, k],
                             contacts[b, k, 1], contacts[b, k, 0], obstacles, b, sliding[b, t, k], vec4(-1.0),
+                            vec3(0.0),
                         )  # fmt: skip
                         rubs[m, k, 0] = hold
                         for r in ti.static(range(3)):
@@ -155,7 +156,7 @@ def residuals(
     momentum: ti.f64,
     fresh: ti.i32,
     symmetric: ti.i32,
-    unused: scalars3,
+    unused: bands,
     y: scalars3,
     out_past: scalars4,
     out_slip: vectors3,
@@ -169,8 +170,8 @@ def residuals(
         b, t = m // count, m % count + 1
         assemble(
             b, t, m, x, q, first, past, slip, sliding, end_q, steps, joints, segments, particles, contacts,
-            obstacles, grips, clamped, moving, momentum, fresh, symmetric, 1, 0, unused,
-            unused, unused, y, False,
+            obstacles, grips, clamped, moving, momentum, fresh, symmetric, 1, 0, y,
+            unused, unused, y, False, False,
         )  # fmt: skip
         advance(
             b, t, m, 0, x, q, past, slip, sliding, steps, joints, contacts, obstacles, fresh, symmetric, 1,
@@ -254,10 +255,10 @@ def sensitivities(
     momentum: ti.f64,
     fresh: ti.i32,
     symmetric: ti.i32,
-    upper: scalars3,
-    lower: scalars3,
-    whole_upper: scalars3,
-    whole_lower: scalars3,
+    upper: bands,
+    lower: bands,
+    whole_upper: bands,
+    whole_lower: bands,
     y: scalars3,
     bends: scalars4,
     rubs: scalars3,
@@ -390,10 +391,10 @@ def adjoint(
     momentum: ti.f64,
     fresh: ti.i32,
     symmetric: ti.i32,
-    upper: scalars3,
-    lower: scalars3,
-    whole_upper: scalars3,
-    whole_lower: scalars3,
+    upper: bands,
+    lower: bands,
+    whole_upper: bands,
+    whole_lower: bands,
     y: scalars3,
     bends: scalars4,
     rubs: scalars3,

@@ -7,6 +7,7 @@ energy; iterated until it stands still, the shape depends on no iteration count.
 from dlolib.sim.assembly import (
     advance,
     assemble,
+    bands,
     clear_held,
     flags2,
     flags3,
@@ -22,7 +23,7 @@ from dlolib.sim.assembly import (
 from dlolib.sim.band import factor, solve
 from dlolib.sim.contact import grip_of
 from dlolib.sim.joints import laws_act
-from dlolib.sim.rotations import conjugate, product, rotated
+from dlolib.sim.rotations import rotated
 from dlolib.sim.runtime import APART, ti, vec3
 from dlolib.sim.scene import FRICTION, SAMPLES, STIFFNESS
 
@@ -31,10 +32,51 @@ LARGEST_TURN = 0.5
 # A Newton step this small that no longer shrinks is rounding: the stretch stiffness times the last bit of a
 # position is a force, and a soft rope moves under it.
 ROUNDING = 1e-7
-# A Newton step leaves about its square times this [1/m]: curvatures of a rope without contact and history.
-QUADRATIC_1_M = 1e4
+# A Newton step leaves less than a hundredth of its square times this [1/m], for a rope without contact and
+# history; a hundredth, so that differences of two roll-outs are good for derivatives.
+QUADRATIC_1_M = 1e6
 # Newton's step at which contacts with noted limits are near enough to note them anew.
 LAGGED_ENOUGH = 1e-4
+# What comes next is foretold by a polynomial of an order up to this, which one particle in so many chooses.
+MOST_ORDER, LOOKED_AT = 5, 5
+orders = ti.types.vector(MOST_ORDER + 1, ti.f64)
+# The farthest that a shape on a saddle, found with a shift, is moved onto it.
+LARGEST_POLISH = 1e-5
+# What is added to the Hessian where a step was none or made it worse, over the rope's own stiffness.
+LEAST_ADDED, MOST_ADDED = 1e-6, 1e12
+
+
+@ti.func
+def ahead(values: ti.template(), b: int, t: int, k: int, order: int):
+    """values[b, t, k] by the polynomial of this order through those before, all its differences summed."""
+    found = values[b, t - 1, k]
+    last = [values[b, ti.max(t - 1 - j, 0), k] for j in ti.static(range(MOST_ORDER + 1))]
+    for level in ti.static(range(1, MOST_ORDER + 1)):
+        for j in ti.static(range(MOST_ORDER + 1 - level)):
+            last[j] -= last[j + 1]
+        if level <= order:
+            found += last[0]
+    return found
+
+
+@ti.func
+def best_order(x: ti.template(), b: int, t: int) -> int:
+    """The order that would have foretold the step before best, by one particle in so many."""
+    best, least = ti.min(t - 1, 1), 1e300
+    if t > MOST_ORDER + 1:
+        off = orders(0.0)
+        for k in range(x.shape[2] // LOOKED_AT):
+            p = (k + 1) * LOOKED_AT - 1
+            last = [x[b, t - 1 - j, p] for j in ti.static(range(MOST_ORDER + 2))]
+            for level in ti.static(range(1, MOST_ORDER + 2)):
+                for j in ti.static(range(MOST_ORDER + 2 - level)):
+                    last[j] -= last[j + 1]
+                # what a polynomial misses is the next difference
+                off[level - 1] += last[0].dot(last[0])
+        for order in ti.static(range(1, MOST_ORDER + 1)):
+            if off[order] < least:
+                best, least = order, off[order]
+    return best
 
 
 @ti.func
@@ -42,19 +84,18 @@ def predict(
     b: int, t: int, x: ti.template(), q: ti.template(), first: ti.template(), end_x: ti.template(),
     end_q: ti.template(), grips: ti.template(), clamped: ti.template(),
 ):  # fmt: skip
-    """Where the iteration begins: where the rope would be if it moved on as in the step before.
+    """Where the iteration begins: where the rope would be if it moved on as in the steps before.
 
     What the held ends do beyond that is shared out along the rope, or their segments alone would stretch.
     """
     n = x.shape[2]
+    order = best_order(x, b, t)
     for p in range(n):
-        last = first[b, p] if t == 1 else x[b, ti.max(t - 2, 0), p]
-        x[b, t, p] = 2.0 * x[b, t - 1, p] - last
+        x[b, t, p] = ahead(x, b, t, p, order)
+        if t == 1:
+            x[b, t, p] += x[b, 0, p] - first[b, p]
     for i in range(n + 1):
-        q[b, t, i] = q[b, t - 1, i]
-        if t > 1:
-            turn = product(conjugate(q[b, t - 2, i]), q[b, t - 1, i])
-            q[b, t, i] = product(q[b, t - 1, i], turn).normalized()
+        q[b, t, i] = ahead(q, b, t, i, order).normalized()
     beyond_start, beyond_end = vec3(0.0), vec3(0.0)
     if clamped[b, 0] == 1:
         beyond_start = end_x[b, t - 1, 0] - x[b, t, 0]
@@ -83,6 +124,29 @@ def scale_of(r: int, scale_x: float, scale_t: float) -> float:
 
 
 @ti.func
+def stiffen(upper: ti.template(), b: int, rows: int, by: float, scale_x: float, scale_t: float):
+    """Add to the Hessian's diagonal so many times the rope's own stiffness."""
+    if by > 0.0:
+        for r in range(rows):
+            upper[b, r][0] += by * scale_of(r, scale_x, scale_t)
+
+
+@ti.func
+def stand(
+    b: int, t: int, x: ti.template(), q: ti.template(), base_x: ti.template(), base_q: ti.template(),
+    y: ti.template(), fraction: float,
+):  # fmt: skip
+    """Put the rope where a fraction of the step in column 1 takes it from the base."""
+    for p in range(x.shape[2]):
+        r = 6 * (p + 1)
+        x[b, t, p] = base_x[b, p] + fraction * vec3(y[b, 1, r], y[b, 1, r + 1], y[b, 1, r + 2])
+    for i in range(q.shape[2]):
+        r = 6 * i + 3
+        turn = fraction * vec3(y[b, 1, r], y[b, 1, r + 1], y[b, 1, r + 2])
+        q[b, t, i] = rotated(base_q[b, i], turn)
+
+
+@ti.func
 def note_limits(
     b: int, t: int, x: ti.template(), contacts: ti.template(), obstacles: ti.template(), limits: ti.template()
 ):
@@ -94,12 +158,54 @@ def note_limits(
                 k = SAMPLES * p + j
                 limit, normal, _slope, _bend = grip_of(sample(x, b, t, p, j), contacts[b, k, 1], obstacles, b)
                 limits[b, 0, k] = limit
+                pull = shortened(vec3(limits[b, 4, k], limits[b, 5, k], limits[b, 6, k]), limit)
                 for j in ti.static(range(3)):
-                    limits[b, j + 1, k] = normal[j]
+                    limits[b, 1 + j, k] = normal[j]
+                    limits[b, 4 + j, k] = pull[j]
+
+
+@ti.func
+def shortened(v: vec3, most: float) -> vec3:
+    """v, or as much of it as is not longer than that."""
+    return v * ti.min(1.0, most / ti.max(v.norm(), 1e-300))
+
+
+@ti.func
+def note_pulls(
+    b: int, t: int, base_x: ti.template(), x: ti.template(), y: ti.template(), slip: ti.template(),
+    limits: ti.template(),
+):  # fmt: skip
+    """What stretch Newton's step in column 1 from base_x expects of each contact whose limit is noted."""
+    n = x.shape[2]
+    for p in range(n):
+        for j in range(SAMPLES):
+            k = SAMPLES * p + j
+            if (j == 0 or p + 1 < n) and limits[b, 0, k] > 0.0:
+                there = j / float(SAMPLES)
+                r = 6 * (p + 1)
+                step = (1.0 - there) * vec3(y[b, 1, r], y[b, 1, r + 1], y[b, 1, r + 2])
+                here = (1.0 - there) * base_x[b, p]
+                if j > 0:
+                    step += there * vec3(y[b, 1, r + 6], y[b, 1, r + 7], y[b, 1, r + 8])
+                    here += there * base_x[b, p + 1]
+                limit = limits[b, 0, k]
+                normal = vec3(limits[b, 1, k], limits[b, 2, k], limits[b, 3, k])
+                pull = vec3(limits[b, 4, k], limits[b, 5, k], limits[b, 6, k])
+                v = slip[b, t - 1, k] + here - sample(x, b, t - 1, p, j)
+                v -= normal.dot(v) * normal
+                step -= normal.dot(step) * normal
+                size = v.norm()
+                expected = v + step
+                if size > limit:
+                    expected = (limit * expected - v.dot(step) / size * pull) / size
+                expected = shortened(expected, limit)
+                for i in ti.static(range(3)):
+                    limits[b, 4 + i, k] = expected[i]
 
 
 @ti.kernel
 def roll_out(
+    plain: ti.template(),
     x: vectors3,
     q: frames3,
     first: vectors2,
@@ -122,8 +228,8 @@ def roll_out(
     symmetric: ti.i32,
     tolerance: ti.f64,
     most: ti.i32,
-    upper: scalars3,
-    lower: scalars3,
+    upper: bands,
+    lower: bands,
     y: scalars3,
     limits: scalars3,
     base_x: vectors2,
@@ -131,7 +237,10 @@ def roll_out(
     status: flags2,
     iterations: flags2,
 ):
-    """Steps 1 ... T of every rope, from the state at index 0; arrays as in `Scene` and `Rollout`."""
+    """Steps 1 ... T of every rope, from the state at index 0; arrays as in `Scene` and `Rollout`.
+
+    `plain` ropes (see `assemble`) have a kernel of their own.
+    """
     for lane in range(x.shape[0] * APART):
         if lane % APART != 0:
             continue
@@ -147,7 +256,11 @@ def roll_out(
         for i in range(n):
             if obstacles.shape[1] > 0 or laws_act(joints, b, i):
                 bend = 1e300
-        rough = 0
+        # nothing resists a turn about itself of a rope that neither end holds
+        loose = 0.0
+        if joints[b, 0, STIFFNESS + 2] == 0.0 and joints[b, n - 1, STIFFNESS + 2] == 0.0:
+            loose = LEAST_ADDED
+        rough, kept = 0, 0.0
         for k in range(obstacles.shape[1]):
             if obstacles[b, k, FRICTION] > 0.0 and fresh == 0:
                 rough = 1
@@ -158,20 +271,21 @@ def roll_out(
                 for i in range(n):
                     for k in range(past.shape[3]):
                         past[b, t - 1, i, k] = 0.0
-            done = not alive
-            lowest, least = 1e300, 1e300
-            fraction, shift, enough = 1.0, 0.0, 0.0
-            step, last_step = 1e300, 1e300
-            converged = False
+            done, converged = not alive, False
             count = 0
+            lowest, least, promised = 1e300, 1e300, 0.0
+            step, last_step, fraction = 1e300, 1e300, 1.0
+            # what is added to the Hessian: where it is not positive definite, and where steps made it worse
+            shift, enough, damping = 0.0, 0.0, 0.0
+            shifted, exact, fresh_base = False, False, False
             # friction first by the limits of the step before, which makes it a potential; then in full
-            lagged, rounds, again = rough, 1, 1
+            lagged, rounds, again, noted = rough, 1, 1, False
             while not done and count < most:
                 count += 1
                 energy = assemble(
                     b, t, b, x, q, first, past, slip, sliding, end_q, steps, joints, segments, particles,
                     contacts, obstacles, grips, clamped, moving, momentum, fresh, symmetric, 0, lagged,
-                    limits, upper, lower, y, True,
+                    limits, upper, lower, y, True, plain,
                 )  # fmt: skip
                 clear_held(y, b, 0, n, b, grips, clamped)
                 # forces without a potential have no energy that falls; then the forces themselves may
@@ -182,91 +296,102 @@ def roll_out(
                 worse = energy > lowest + 1e-13 * ti.abs(lowest) + 1e-18
                 if symmetric == 0 and lagged == 0:
                     worse = force > least and (worse or rough == 1)
-                stands = False
-                if worse and fraction > 1e-6 and shift == 0.0:
+                worse = worse and shift == 0.0 and not exact
+                if worse and fraction > (0.2 if lagged == rough else 0.1):
+                    # the same step, half as far
                     fraction *= 0.5
-                    if rough == 1 and lagged == 0 and fraction < 0.1:
-                        # the contacts' state goes to and fro: back to the last good shape, with its limits,
-                        # and nearer with limits noted again and again
-                        fraction = 0.0
-                        lagged = 1
-                        rounds = ti.min(4 * rounds, 256)
-                        again = rounds
-                        lowest, least = 1e300, 1e300
+                    stand(b, t, x, q, base_x, base_q, y, fraction)
+                elif worse and lagged < rough:
+                    # the contacts' state goes to and fro: back to the base, with its limits, and nearer with
+                    # limits noted again and again
+                    stand(b, t, x, q, base_x, base_q, y, 0.0)
+                    note_limits(b, t, x, contacts, obstacles, limits)
+                    lagged, noted = 1, True
+                    rounds = ti.min(4 * rounds, 256)
+                    again = rounds
+                    lowest, least, step, fraction = 1e300, 1e300, 1e300, 1.0
+                    fresh_base = False
+                elif worse and damping < MOST_ADDED:
+                    # another step from the base, in which what is soft goes less far
+                    stand(b, t, x, q, base_x, base_q, y, 0.0)
+                    damping = ti.max(LEAST_ADDED, ti.max(10.0 * ti.max(damping, enough), kept / 10.0))
+                    step, fraction = 1e300, 1.0
+                    fresh_base = False
                 else:
-                    lowest, least = energy, force
+                    if fresh_base and damping > 0.0:
+                        kept = damping
+                        damping /= 10.0 if lowest - energy > 0.75 * promised else 3.0
+                        if damping < LEAST_ADDED:
+                            damping = 0.0
+                    lowest, least, fresh_base = energy, force, False
                     hold_ends(upper, lower, b, n, b, grips, clamped)
-                    if shift > 0.0:
-                        for r in range(rows):
-                            upper[b, r, 0] += shift * scale_of(r, scale_x, scale_t)
-                    stands = factor(upper, lower, b, rows, symmetric, 1) > 0
-                    if stands:
-                        # not positive definite, a rope about to buckle: the same again with a shift, which
-                        # begins a little below the one that was enough before
-                        shift = ti.max(1e-3, 4.0 * ti.max(shift, enough / 64.0))
+                    added = ti.max(loose, ti.max(shift, damping))
+                    stiffen(upper, b, rows, added, scale_x, scale_t)
+                    if factor(upper, lower, b, rows, symmetric, 0 if exact else 1) > 0:
+                        # a rope about to buckle: the same again, stiffer; at first a little less than was
+                        # enough before
+                        shift = ti.max(LEAST_ADDED, 10.0 * ti.max(added, enough / 1000.0))
                         count -= 1
-                        if shift > 1e12:
-                            done = True
+                        if shift > MOST_ADDED:
+                            done, alive = True, False
                             status[b, t - 1] = NOT_FINITE
-                            alive = False
                     else:
-                        enough = shift
-                        shift = 0.0
-                        solve(upper, lower, b, y, b, 0, rows)
-                        # column 1 keeps the step while the line search looks along it
-                        last_step = step
-                        step = 0.0
+                        shifted, enough, shift, fresh_base = shift > 0.0, shift, 0.0, True
                         for r in range(rows):
                             y[b, 1, r] = y[b, 0, r]
-                            step = ti.max(step, ti.abs(y[b, 0, r]))
+                        solve(upper, lower, b, y, b, 1, rows)
+                        last_step, step, promised = step, 0.0, 0.0
+                        for r in range(rows):
+                            went = y[b, 1, r]
+                            step = ti.max(step, ti.abs(went))
+                            held = added * scale_of(r, scale_x, scale_t)
+                            promised += 0.5 * went * (y[b, 0, r] + held * went)
                         if not (step < 1e300):
-                            done = True
+                            done, alive = True, False
                             status[b, t - 1] = NOT_FINITE
-                            alive = False
                         fraction = ti.min(1.0, LARGEST_TURN / (step + 1e-300))
+                        if exact and step > LARGEST_POLISH:
+                            fraction = 0.0
                         for p in range(n):
                             base_x[b, p] = x[b, t, p]
                         for i in range(n + 1):
                             base_q[b, i] = q[b, t, i]
-                if not stands:
-                    for p in range(n):
-                        r = 6 * (p + 1)
-                        x[b, t, p] = base_x[b, p] + fraction * vec3(
-                            y[b, 1, r], y[b, 1, r + 1], y[b, 1, r + 2]
-                        )
-                    for i in range(n + 1):
-                        r = 6 * i + 3
-                        q[b, t, i] = rotated(
-                            base_q[b, i], fraction * vec3(y[b, 1, r], y[b, 1, r + 1], y[b, 1, r + 2])
-                        )
-                if stands:
-                    pass
-                elif fraction == 0.0:
-                    note_limits(b, t, x, contacts, obstacles, limits)
-                    fraction = 1.0
-                    step = 1e300
-                elif lagged == 1:
-                    if step < LAGGED_ENOUGH / rounds:
-                        converged = step < tolerance
-                        note_limits(b, t, x, contacts, obstacles, limits)
-                        again -= 1
-                        if again == 0:
-                            lagged = 0
-                        lowest, least = 1e300, 1e300
-                        step = 1e300
-                elif (
-                    step * step * bend < tolerance
-                    or step < tolerance
-                    or (step < ROUNDING and step > 0.5 * last_step)
-                ):
-                    converged = True
-                    done = True
+                        if lagged == 1:
+                            note_pulls(b, t, base_x, x, y, slip, limits)
+                        stand(b, t, x, q, base_x, base_q, y, fraction)
+                        met = False
+                        if exact:
+                            done = step < tolerance or fraction == 0.0 or step > 0.5 * last_step
+                            converged = done
+                        elif damping > 0.0:
+                            noted = False
+                        elif lagged == 1:
+                            # only what moves no further under the limits that belong to it is an equilibrium
+                            met = noted and step < tolerance
+                            noted = False
+                            if step < LAGGED_ENOUGH / rounds and not met:
+                                note_limits(b, t, x, contacts, obstacles, limits)
+                                again -= 1
+                                lagged, noted = 1 if again > 0 else 0, True
+                                lowest, least, step = 1e300, 1e300, 1e300
+                        else:
+                            met = (
+                                step * step * bend < tolerance
+                                or step < tolerance
+                                or (step < ROUNDING and step > 0.5 * last_step)
+                            )
+                        if met and shifted:
+                            # a stiffer Hessian's step is not what is missing to a saddle
+                            exact, lagged, step = True, 0, 1e300
+                        elif met:
+                            done, converged = True, True
             if rough == 1:
                 note_limits(b, t, x, contacts, obstacles, limits)
             iterations[b, t - 1] = count
             if alive and not converged:
                 status[b, t - 1] = UNCONVERGED
-            advance(
-                b, t, b, t, x, q, past, slip, sliding, steps, joints, contacts, obstacles, fresh, symmetric,
-                0, past, slip,
-            )  # fmt: skip
+            if ti.static(not plain):
+                advance(
+                    b, t, b, t, x, q, past, slip, sliding, steps, joints, contacts, obstacles, fresh,
+                    symmetric, 0, past, slip,
+                )  # fmt: skip

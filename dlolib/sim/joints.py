@@ -40,6 +40,15 @@ def branch_of(past: ti.template(), b: int, t: int, i: int, k: ti.template(), for
 
 
 @ti.func
+def elastic(joints: ti.template(), b: int, i: int, now: vec3):
+    """Energy a length [N], moment [N m] and its derivative by the curvature, of joint i without laws."""
+    d = vec3(joints[b, i, STIFFNESS], joints[b, i, STIFFNESS + 1], joints[b, i, STIFFNESS + 2])
+    strain = now - vec3(joints[b, i, REST], joints[b, i, REST + 1], joints[b, i, REST + 2])
+    moment = d * strain
+    return 0.5 * moment.dot(strain), moment, mat3([[d[0], 0.0, 0.0], [0.0, d[1], 0.0], [0.0, 0.0, d[2]]])
+
+
+@ti.func
 def respond(
     joints: ti.template(), past: ti.template(), b: int, t: int, i: int, now: vec3, before: vec3, dt: float,
     forced: int,
@@ -55,10 +64,7 @@ def respond(
     """
     d = vec3(joints[b, i, STIFFNESS], joints[b, i, STIFFNESS + 1], joints[b, i, STIFFNESS + 2])
     rest = vec3(joints[b, i, REST], joints[b, i, REST + 1], joints[b, i, REST + 2])
-    strain = now - rest
-    moment = d * strain
-    energy = 0.5 * moment.dot(strain)
-    tangent = mat3([[d[0], 0.0, 0.0], [0.0, d[1], 0.0], [0.0, 0.0, d[2]]])
+    energy, moment, tangent = elastic(joints, b, i, now)
     for k in ti.static(range(len(LAWS))):
         p = vec2(joints[b, i, FIRST + 2 * k], joints[b, i, FIRST + 2 * k + 1])
         if p[0] != 0.0:

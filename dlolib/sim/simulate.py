@@ -178,11 +178,11 @@ def roll_out(scene: Scene, state: State, path: Path, clock: Clock) -> Rollout:
     status, iterations = np.zeros((ropes, count), np.int32), np.zeros((ropes, count), np.int32)
     before = np.ascontiguousarray(state.before)
     direct.roll_out(
-        x, q, before, past, slip, sliding, np.ascontiguousarray(path.x), np.ascontiguousarray(path.q),
-        steps_of(path, clock), *scene.arrays(), *clock.flags, int(scene.symmetric), TOLERANCE,
-        MOST_ITERATIONS, *(_band(ropes, n) for _ in range(2)), _columns(ropes, 2, n),
-        np.zeros((ropes, 4, contact_points(n))),
-        np.empty((ropes, n, 3)), np.empty((ropes, n + 1, 4)), status, iterations,
+        _plain(scene), x, q, before, past, slip, sliding, np.ascontiguousarray(path.x),
+        np.ascontiguousarray(path.q), steps_of(path, clock), *scene.arrays(), *clock.flags,
+        int(scene.symmetric), TOLERANCE, MOST_ITERATIONS, *(_band(ropes, n) for _ in range(2)),
+        _columns(ropes, 2, n), np.zeros((ropes, 7, contact_points(n))), np.empty((ropes, n, 3)),
+        np.empty((ropes, n + 1, 4)), status, iterations,
     )  # fmt: skip
     _refuse(status)
     return Rollout(scene, clock, path, before, x, q, past, slip, sliding, iterations)
@@ -300,7 +300,7 @@ def _forces(rollout: Rollout, cases: Sequence[Case]) -> tuple[Floats, Floats, Fl
         each(rollout.sliding), np.concatenate([case.path.q for case in cases]),
         np.concatenate([steps_of(case.path, rollout.clock) for case in cases]),
         *Scene.stack([case.scene for case in cases]).arrays(), *rollout.clock.flags,
-        int(rollout.scene.symmetric), np.zeros((1, 1, 1)), y, past, slip,
+        int(rollout.scene.symmetric), np.zeros((1, 1, HALF + 1)), y, past, slip,
     )  # fmt: skip
     return tuple(part[:, 0].reshape(count, states, *part.shape[2:]) for part in (y, past, slip))  # type: ignore[return-value]
 
@@ -344,6 +344,11 @@ def steps_of(path: Path, clock: Clock) -> Floats:
     if path.span is not None:
         steps[:, :, 1] = path.span
     return steps
+
+
+def _plain(scene: Scene) -> bool:
+    """Whether nothing acts on the ropes but what is elastic, loads and inertia."""
+    return scene.symmetric and not scene.obstacles.shape[1] and not scene.joints[..., FIRST_LAW:].any()
 
 
 def _band(slots: int, n: int) -> Floats:

@@ -5,8 +5,14 @@ stiffnesses are physical (N, N m^2). Rotations vary in material axes, q <- q exp
 are with respect to that theta, so Newton's method converges quadratically.
 """
 
+from math import comb
+
 from dlolib.sim.rotations import conjugate, cross_matrix, identity, matrix, product
 from dlolib.sim.runtime import mat3, ti, vec3, vec4
+
+# Where |v|^2 is no more than this, 2 asin(|v|) / |v| is its series to the last bit.
+SERIES = 0.03
+ARCSINE = tuple(2 * comb(2 * k, k) / (4**k * (2 * k + 1)) for k in range(11))
 
 
 @ti.func
@@ -24,14 +30,23 @@ def stretch_shear(d: vec3, q: vec4, length: float, stiffness: vec3):
     """
     rotation = matrix(q)
     u = rotation.transpose() @ d / length
-    n = stiffness * (u - vec3(0.0, 0.0, 1.0))
-    k = mat3([[stiffness[0], 0.0, 0.0], [0.0, stiffness[1], 0.0], [0.0, 0.0, stiffness[2]]])
-    ux = cross_matrix(u)
+    k = stiffness
+    n = k * (u - vec3(0.0, 0.0, 1.0))
     energy = 0.5 * length * n.dot(u - vec3(0.0, 0.0, 1.0))
-    h_dd = rotation @ k @ rotation.transpose() / length
-    h_dt = rotation @ (k @ ux - cross_matrix(n))
-    geometric = 0.5 * (n.outer_product(u) + u.outer_product(n)) - n.dot(u) * identity()
-    h_tt = length * (ux.transpose() @ k @ ux + geometric)
+    # products with K and with the cross matrices of u and n, written out: a compiler keeps their zeros
+    h_dd, h_dt = mat3(0.0), mat3(0.0)
+    for i in ti.static(range(3)):
+        for j in ti.static(range(3)):
+            own = rotation[i, 0] * k[0] * rotation[j, 0] + rotation[i, 1] * k[1] * rotation[j, 1]
+            h_dd[i, j] = (own + rotation[i, 2] * k[2] * rotation[j, 2]) / length
+            a, c = ti.static((j + 1) % 3, (j + 2) % 3)
+            h_dt[i, j] = rotation[i, a] * (k[a] * u[c] - n[c]) - rotation[i, c] * (k[c] * u[a] - n[a])
+    h_tt = mat3(0.0)
+    for i in ti.static(range(3)):
+        a, c = ti.static((i + 1) % 3, (i + 2) % 3)
+        h_tt[i, i] = length * (k[a] * u[c] * u[c] + k[c] * u[a] * u[a] - n[a] * u[a] - n[c] * u[c])
+        h_tt[i, a] = length * (0.5 * (n[i] * u[a] + u[i] * n[a]) - k[c] * u[i] * u[a])
+        h_tt[a, i] = h_tt[i, a]
     return energy, rotation @ n, length * n.cross(u), h_dd, h_dt, h_tt
 
 
@@ -51,10 +66,15 @@ def darboux(qa: vec4, qb: vec4):
     w = p[0]
     v = vec3(p[1], p[2], p[3])
     ss = v.dot(v)
-    c = 2.0 + ss * (1 / 3 + ss * (3 / 20 + ss * 5 / 56))
-    c1 = 2 / 3 + ss * (3 / 5 + ss * (15 / 28 + ss * 35 / 72))
-    c2 = 6 / 5 + ss * (15 / 7 + ss * 35 / 12)
-    if ss > 1e-3:
+    c, c1, c2 = 0.0, 0.0, 0.0
+    if ss <= SERIES:
+        for k in ti.static(range(len(ARCSINE) - 1, -1, -1)):
+            c = c * ss + ARCSINE[k]
+            if ti.static(k > 0):
+                c1 = c1 * ss + 2 * k * ARCSINE[k]
+            if ti.static(k > 1):
+                c2 = c2 * ss + 4 * k * (k - 1) * ARCSINE[k]
+    else:
         s = ti.sqrt(ss)
         c = 2.0 * ti.atan2(s, w) / s
         c1 = (2.0 / w - c) / ss
@@ -75,18 +95,40 @@ def bend_twist(w: float, v: vec3, c: float, c1: float, c2: float, moment: vec3, 
         gradient to theta_a and theta_b; Hessian aa, ab, ba, bb.
     """
     # chain rule from phi to v: dphi = (c + c1 v v^T) dv
-    dphi = c * identity() + c1 * v.outer_product(v)
-    f = dphi @ moment
     mv = moment.dot(v)
-    bend = c1 * (v.outer_product(moment) + moment.outer_product(v) + mv * identity())
-    h = dphi @ stiffness @ dphi + bend + c2 * mv * v.outer_product(v)
+    f = c * moment + c1 * mv * v
+    left = c * stiffness + c1 * v.outer_product(stiffness.transpose() @ v)
+    h = c * left + (c1 * (left @ v + moment) + c2 * mv * v).outer_product(v) + c1 * v.outer_product(moment)
     # and from v to the two rotations, to second order: dv = jb theta_b - jb^T theta_a + ...
-    jb = 0.5 * (w * identity() + cross_matrix(v))
-    jbt = jb.transpose()
-    own = 0.25 * f.dot(v) * identity()
-    mixed = 0.25 * (v.outer_product(f) + f.outer_product(v) + w * cross_matrix(f)) - own
-    hj, hjt = h @ jb, h @ jbt
-    return -(jb @ f), jbt @ f, jb @ hjt - own, mixed - jb @ hj, mixed.transpose() - jbt @ hjt, jbt @ hj - own
+    own = 0.25 * f.dot(v)
+    mixed = 0.25 * (v.outer_product(f) + f.outer_product(v))
+    for i in ti.static(range(3)):
+        a, d = ti.static((i + 1) % 3, (i + 2) % 3)
+        h[i, i] += c1 * mv
+        mixed[i, i] -= own
+        mixed[a, i] += 0.25 * w * f[d]
+        mixed[i, a] -= 0.25 * w * f[d]
+    ht = h.transpose()
+    hj, hjt = half_turn(w, v, ht, -1.0).transpose(), half_turn(w, v, ht, 1.0).transpose()
+    aa, bb = half_turn(w, v, hjt, 1.0), half_turn(w, v, hj, -1.0)
+    for i in ti.static(range(3)):
+        aa[i, i] -= own
+        bb[i, i] -= own
+    ab, ba = mixed - half_turn(w, v, hj, 1.0), mixed.transpose() - half_turn(w, v, hjt, -1.0)
+    ga, gb = 0.5 * (w * f + v.cross(f)), 0.5 * (w * f - v.cross(f))
+    return -ga, gb, aa, ab, ba, bb
+
+
+@ti.func
+def half_turn(w: float, v: vec3, a: mat3, side: float) -> mat3:
+    """jb @ a where side is 1, jb^T @ a where it is -1, with jb = (w + v x) / 2."""
+    found = 0.5 * w * a
+    h = 0.5 * side * v
+    for j in ti.static(range(3)):
+        found[0, j] += h[1] * a[2, j] - h[2] * a[1, j]
+        found[1, j] += h[2] * a[0, j] - h[0] * a[2, j]
+        found[2, j] += h[0] * a[1, j] - h[1] * a[0, j]
+    return found
 
 
 @ti.func

@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
+from dlolib.sim.assembly import bands, scalars3
 from dlolib.sim.band import HALF, entry, factor, solve, solve_transposed, times_column
 from dlolib.sim.runtime import ti
 
 ROWS = 60
-scalars3 = ti.types.ndarray(dtype=ti.f64, ndim=3)
 
 
 @ti.kernel
 def solve_in_place(
-    upper: scalars3, lower: scalars3, y: scalars3, symmetric: ti.i32, definite: ti.i32, transposed: ti.i32
+    upper: bands, lower: bands, y: scalars3, symmetric: ti.i32, definite: ti.i32, transposed: ti.i32
 ) -> ti.i32:
     rows = y.shape[2] - HALF
     failed = factor(upper, lower, 0, rows, symmetric, definite)
@@ -25,7 +25,7 @@ def solve_in_place(
 
 
 @ti.kernel
-def multiply(upper: scalars3, lower: scalars3, y: scalars3, out: scalars3):
+def multiply(upper: bands, lower: bands, y: scalars3, out: scalars3):
     for r in range(out.shape[2]):
         out[0, 0, r] = times_column(upper, lower, 0, y, 0, 0, r)
         out[0, 1, r] = entry(upper, lower, 0, r, ti.max(r - 2, 0)) + entry(
@@ -37,6 +37,8 @@ def banded(seed: int, diagonal: float, symmetric: bool) -> tuple[np.ndarray, np.
     """A random matrix, dense and as the two parts that the kernels want."""
     rng = np.random.default_rng(seed)
     a = np.triu(np.tril(rng.normal(size=(ROWS, ROWS)), HALF), -HALF)
+    row, column = np.indices(a.shape)
+    a[np.maximum(row, column) > 3 * (np.minimum(row, column) // 3) + HALF] = 0.0
     if symmetric:
         a = np.triu(a) + np.triu(a, 1).T
     a += diagonal * np.eye(ROWS)
