@@ -38,11 +38,12 @@ ACTING: dict[str, dict[str, float]] = {
     "clock_offset": {"time": 0.015},
     "camera_pose": {"rotation_1": 0.01, "rotation_2": 0.02, "rotation_3": -0.01, "depth": 0.003},
 }
-SHAPES = {
+SHAPES: dict[str, dict[str, tuple[float, ...]]] = {
     "cylinder": {"center_m": (0.2, 0.0, -0.125), "axis": (0, 1, 0), "radius_m": (0.03,), "height_m": (0.1,)},
     "sphere": {"center_m": (0.2, 0.005, -0.125), "radius_m": (0.03,)},
     "plane": {"point_m": (0.0, 0.0, -0.095), "normal": (0.05, 0.0, 1.0)},
     "box": {"center_m": (0.2, 0.0, -0.13), "quaternion": (1, 0, 0, 0), "size_m": (0.08, 0.1, 0.06)},
+    "capsule": {"center_m": (0.2, 0.0, -0.125), "axis": (0.5, 1, 0), "radius_m": (0.03,), "height_m": (0.1,)},
 }
 PARTICLES = 20
 # Newton's tolerance under differences, which see what it leaves.

@@ -103,7 +103,7 @@ RECORDING: list[tuple[Spoil, str]] = [
     (cell("points.csv", 5, "z_m", "low"), "points.csv: line 5, column z_m: 'low' in a number's place"),
     (cell("points.csv", 12, "t_s", "-1"), "points.csv: line 12, column t_s: t_s falls"),
     (key("recording.json", "object.length_m", "long"), "recording.json: object.length_m: Input should be"),
-    (key("recording.json", "obstacles.0.shape", "torus"), "valid are cylinder, sphere, plane, box"),
+    (key("recording.json", "obstacles.0.shape", "torus"), "valid are cylinder, sphere, plane, box, capsule"),
 ]
 LAYOUT: list[tuple[Spoil, str]] = [
     (shutil.rmtree, "bad: no such folder"),
