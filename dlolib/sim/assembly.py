@@ -10,7 +10,7 @@ from dlolib.sim.contact import friction, push, within
 from dlolib.sim.joints import curvature, laws_act, remember, respond
 from dlolib.sim.rotations import identity
 from dlolib.sim.runtime import mat3, ti, vec3, vec4
-from dlolib.sim.scene import DRAG, INERTIA, LENGTH, LOAD, SAMPLES
+from dlolib.sim.scene import DRAG, INERTIA, LENGTH, LOAD, PRIOR, SAMPLES
 from dlolib.sim.strain import bend_twist, darboux, stretch_shear
 
 scalars2 = ti.types.ndarray(dtype=ti.f64, ndim=2)
@@ -74,9 +74,11 @@ def joint_lengths(joints: ti.template(), steps: ti.template(), b: int, t: int, i
 
 
 @ti.func
-def bent_before(q: ti.template(), b: int, t: int, i: int, length: float, fresh: int) -> vec3:
-    """Curvature of joint i at the step before [1/m]; a `fresh` rope comes from being straight."""
-    before = vec3(0.0)
+def bent_before(
+    joints: ti.template(), q: ti.template(), b: int, t: int, i: int, length: float, fresh: int
+) -> vec3:
+    """Curvature of joint i at the step before [1/m]; a `fresh` rope comes from what it once was."""
+    before = vec3(joints[b, i, PRIOR], joints[b, i, PRIOR + 1], 0.0)
     if fresh == 0:
         before = curvature(q, b, t - 1, i, length)
     return before
@@ -127,7 +129,8 @@ def assemble(
     m |x - free flight|^2 / (2 dt^2) and drag |x - x_before|^2 / (2 dt). `first` are the positions one step
     before index 0. With `forced` laws and contacts take the branches noted at index t. With `lagged` contacts
     slide at the `limits` and along the surfaces noted, wherever they are. With `fresh` the laws see the rope
-    come from being straight, at once. Without `hessian` (a compile-time choice) upper and lower are left.
+    come from being straight or as it once was, at once. Without `hessian` (a compile-time choice) upper and
+    lower are left.
     """
     n = particles.shape[1]
     dt = steps[b, t, 0] * (1 - fresh)
@@ -146,7 +149,7 @@ def assemble(
             kappa = phi / now_l
             before = kappa
             if laws_act(joints, b, i):
-                before = bent_before(q, b, t, i, before_l, fresh)
+                before = bent_before(joints, q, b, t, i, before_l, fresh)
             e, moment, tangent = respond(joints, past, b, t - 1, i, kappa, before, dt, forced)
             energy += now_l * e
             ga, gb, aa, ab, ba, bb = bend_twist(w, v, c, c1, c2, moment, tangent / now_l)
@@ -266,7 +269,7 @@ def advance(
         now_l, before_l = joint_lengths(joints, steps, b, t, i)
         if laws_act(joints, b, i):
             kappa = curvature(q, b, t, i, now_l)
-            before = bent_before(q, b, t, i, before_l, fresh)
+            before = bent_before(joints, q, b, t, i, before_l, fresh)
             remember(joints, past, b, t - 1, i, kappa, before, dt, forced, out_past, m, u)
         for j in range(SAMPLES):
             if symmetric == 0 and (j == 0 or i + 1 < n):

@@ -61,7 +61,8 @@ class Path:
 class Clock:
     """How time passes: `step_s` None is quasi-static; `momentum` 0 lets every step start at rest.
 
-    `fresh`: the laws see every step's rope come from being straight, at once: so a first shape is found.
+    `fresh`: the laws see every step's rope come from being straight, or from what it once was, at once: so a
+    first shape is found.
     """
 
     step_s: float | None = None
@@ -282,8 +283,8 @@ def _forces(rollout: Rollout, case: Case) -> tuple[Floats, Floats, Floats]:
     y = np.zeros((states, 1, 6 * (n + 1)))
     past, slip = np.zeros((states, 1, n, HISTORY)), np.zeros((states, 1, contact_points(n), 3))
     derivatives.residuals(
-        rollout.x, rollout.q, rollout.before, rollout.past, rollout.slip, rollout.sliding,
-        np.ascontiguousarray(case.path.q),
+        rollout.x, rollout.q, rollout.before, rollout.past.copy() if rollout.clock.fresh else rollout.past,
+        rollout.slip, rollout.sliding, np.ascontiguousarray(case.path.q),
         _steps(case.path, rollout.clock), *case.scene.arrays(), *rollout.clock.flags,
         int(rollout.scene.symmetric), np.zeros((1, 1, 1)), y, past, slip,
     )  # fmt: skip

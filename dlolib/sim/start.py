@@ -19,7 +19,7 @@ SETTLING = ((30, 0.03), (10, 0.3))
 def settle(scene: Scene, state: State, ends: Path) -> Rollout:
     """Equilibrium of B ropes whose ends stand at the path's first step, found by damped motion.
 
-    The laws see each rope come from being straight, at once.
+    The laws see each rope come from being straight, or from what `prior_history` says, at once.
     """
     span = None if ends.span is None else ends.span[:, :1]
     for steps, step_s in SETTLING:
