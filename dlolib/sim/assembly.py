@@ -10,7 +10,7 @@ from dlolib.sim.contact import friction, push, within
 from dlolib.sim.joints import curvature, laws_act, remember, respond
 from dlolib.sim.rotations import identity
 from dlolib.sim.runtime import mat3, ti, vec3, vec4
-from dlolib.sim.scene import DRAG, INERTIA, LENGTH, LOAD, PRIOR, SAMPLES
+from dlolib.sim.scene import DRAG, INERTIA, LENGTH, LOAD, PRIOR, SAMPLES, STIFFNESS
 from dlolib.sim.strain import bend_twist, darboux, stretch_shear
 
 scalars2 = ti.types.ndarray(dtype=ti.f64, ndim=2)
@@ -27,6 +27,9 @@ flags3 = ti.types.ndarray(dtype=ti.i32, ndim=3)
 
 # What may be prescribed, three unknowns each: the unused position, both outer frames, both end particles.
 ENDS = 5
+# What the roll of a rope that nobody holds meets, over the torsional stiffness: a step that goes on until no
+# force is left may take more than a derivative, which has one try.
+ROLL, ROLL_OF_DERIVATIVES = 1e-6, 1e-8
 
 
 @ti.func
@@ -173,6 +176,10 @@ def assemble(
                 t_x = dtheta.transpose()
                 gx_next = gd
                 xx_next = dd
+        if i == 1 and clamped[b, 0] + clamped[b, 1] == 0:
+            # no force, but a Hessian for the roll: alone it moves nothing, and rounding would decide
+            share = ROLL if forced == 0 else ROLL_OF_DERIVATIVES
+            tt[2, 2] += share * joints[b, 1, STIFFNESS + 2] / joints[b, 1, LENGTH]
         for end in ti.static(range(2)):
             if i == end * n and grips[b, end, 0] > 0.0:
                 e, g, h = grip(

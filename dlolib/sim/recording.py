@@ -21,11 +21,14 @@ from dlolib.sim.simulate import (
     Clock,
     Path,
     Rollout,
+    State,
+    Tangent,
     Variation,
     roll_out,
     sensitivities,
+    zero_tangent,
 )
-from dlolib.sim.start import first_shape, settle
+from dlolib.sim.start import first_shape, released, settle
 from dlolib.types import Floats, Motion, Pose, Recording
 
 # Between two quasi-static steps an end moves and turns at most this much, so that the rope follows its
@@ -87,6 +90,9 @@ class RecordingModel:
 
     def _at_rest(self, made: Setup) -> Rollout:
         rec, path = self.recording, self.path(made, self.times(made)[:1])
+        if not self._held:
+            nowhere = Path(path.x[:, :0], path.q[:, :0])
+            return roll_out(scene_of([made]), self._released(made), nowhere, self._clock(made))
         poses = [Pose(path.x[0, 0, k], path.q[0, 0, k]) for k in range(2)]
         state = first_shape(
             rec.rope.length_m,
@@ -97,6 +103,16 @@ class RecordingModel:
             rec.gravity_m_s2,
         )
         return settle(scene_of([made]), state, path)
+
+    @property
+    def _held(self) -> bool:
+        """Whether anybody holds the rope; else it falls from where it was seen first."""
+        return "clamped" in (self.recording.ends.start, self.recording.ends.end)
+
+    def _released(self, made: Setup) -> State:
+        points = self.recording.points
+        first = points.t_s == points.t_s.min()
+        return released(points.s_m[first], points.xyz_m[first], made.segments[:, 0])
 
     def _moved(self, made: Setup, rest: Rollout) -> Rollout:
         path, state = self.path(made, self.times(made)), rest.final.at_rest()
@@ -134,8 +150,7 @@ class RecordingModel:
         slot = np.searchsorted(steps, np.arange(len(times)))
         pairs = [varied(rod, name) for name in parameters]
         sides = [(self.setup(ahead), self.setup(behind), width) for ahead, behind, width in pairs]
-        first = [self._variation(*side, times[:1]) for side in sides]
-        _, tangent = sensitivities(rest, first, np.array([1]))
+        tangent = self._tangent(rest, sides, times)
         ways = [self._variation(*side, times) for side in sides]
         out, _ = sensitivities(rollout, ways, steps + 1, tangent.at_rest())
         columns = []
@@ -144,6 +159,14 @@ class RecordingModel:
             looked = seen(xyz, ahead.camera, axis) - seen(xyz, behind.camera, axis)
             columns.append(moved + looked / width)
         return Prediction(seen(xyz, made.camera, axis), np.stack(columns, axis=2))
+
+    def _tangent(self, rest: Rollout, sides: Sequence[tuple[Setup, Setup, float]], times: Floats) -> Tangent:
+        """Derivatives of the first state by the parameters."""
+        if self._held:
+            first = [self._variation(*side, times[:1]) for side in sides]
+            return sensitivities(rest, first, np.array([1]))[1]
+        moved = [(self._released(a).x - self._released(b).x) / width for a, b, width in sides]
+        return replace(zero_tangent(1, len(sides), self.particles), x=np.stack(moved, axis=1))
 
     def _variation(self, ahead: Setup, behind: Setup, width: float, times: Floats) -> Variation:
         one, other = (Case(scene_of([s]), self.path(s, times)) for s in (ahead, behind))
@@ -186,8 +209,11 @@ def _step_times(recording: Recording, step_s: float | None, share: float) -> Flo
     """
     rows, frames = recording.motion.t_s, np.unique(recording.points.t_s)
     if step_s is not None:
-        last = max(frames[-1], rows[0] + step_s)
-        return np.asarray(rows[0] + step_s * np.arange(np.ceil((last - rows[0]) / step_s - 1e-9) + 1))
+        # a rope that nobody holds begins where the first frame saw it, and moves from there
+        released = recording.ends.start == recording.ends.end == "free"
+        begin = frames[0] + step_s if released else rows[0]
+        last = max(frames[-1], begin + step_s)
+        return np.asarray(begin + step_s * np.arange(np.ceil((last - begin) / step_s - 1e-9) + 1))
     times = [rows[:1], frames]
     keep = rows[rows <= frames[-1]]
     poses = interpolate_motion(recording.motion, keep)

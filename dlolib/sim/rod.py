@@ -108,8 +108,6 @@ def setup(
     """
     n, length = rod.particles, rod.rope.length_m
     clamped = np.array([ends.start == "clamped", ends.end == "clamped"])
-    if not clamped.any():
-        raise ParameterError("both ends are free", mend="hold one: a free rope has no place to be")
     gravity = np.asarray(gravity_m_s2, float)
     share = particle_lengths(length, n)
     weight = rod.linear_density * share

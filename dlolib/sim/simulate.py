@@ -161,8 +161,14 @@ def roll_out(scene: Scene, state: State, path: Path, clock: Clock) -> Rollout:
     """Move the held ends along the path.
 
     Raises:
-        SimulationError: a step could not be solved; names the rope, the step and why.
+        SimulationError: a step could not be solved; names the rope, the step and why. Or no end is held, and
+            no time passes.
     """
+    if clock.step_s is None and not scene.clamped.any(axis=1).all():
+        raise SimulationError(
+            "no end is held, and a quasi-static rope would fall for ever",
+            mend="hold an end, or simulate it dynamically",
+        )
     ropes, n = state.x.shape[:2]
     count = path.x.shape[1]
     x, q = np.empty((ropes, count + 1, n, 3)), np.empty((ropes, count + 1, n + 1, 4))

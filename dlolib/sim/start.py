@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
@@ -45,7 +46,7 @@ def first_shape(
         One rope at rest: x (1, n, 3), q (1, n + 1, 4).
 
     Raises:
-        SimulationError: the held ends are further apart than the rope is long.
+        SimulationError: the held ends are further apart than the rope is long, or none is held.
     """
     if start is not None and end is not None:
         points = _curve(length_m, particles, start, end, np.asarray(gravity_m_s2, float))
@@ -54,7 +55,7 @@ def first_shape(
     elif end is not None:
         points = end.position_m + np.linspace(-length_m, 0, particles)[:, None] * _axes(end)[:, 2]
     else:
-        raise SimulationError("both ends are free", mend="hold one")
+        raise SimulationError("no end is held: there is no place to begin", mend="hold an end")
     frames = frames_along(points, start, end)
     return State(points[None], points[None].copy(), frames[None])
 
@@ -104,13 +105,45 @@ def _hanging(chord: Floats, gravity: Floats, aside: Floats) -> Floats:
     return np.cross(along, [0.0, 1.0, 0.0])
 
 
+def curve_through(s_m: Floats, xyz_m: Floats, nodes_m: Floats) -> Floats:
+    """Smooth curve through points (P, 3) [m] seen at arc lengths s_m, at other arc lengths (n,): (n, 3)."""
+    order = np.argsort(s_m)
+    return np.asarray(CubicSpline(s_m[order], xyz_m[order], bc_type="natural")(nodes_m))
+
+
+def released(s_m: Floats, xyz_m: Floats, segments_m: Floats) -> State:
+    """A rope that nobody holds, at rest where its points (P, 3) [m] at arc lengths s_m were seen.
+
+    Its segments have their own lengths (n - 1,) [m], along the directions of a curve through the points.
+
+    Raises:
+        SimulationError: fewer than two points were seen.
+    """
+    if len(s_m) < 2:
+        raise SimulationError(
+            f"no end is held and the first frame has {len(s_m)} point: there is no shape to begin with",
+            mend="begin with a frame of two points or more",
+        )
+    nodes = np.concatenate([[0.0], np.cumsum(segments_m)])
+    steps = np.diff(curve_through(s_m, xyz_m, nodes), axis=0)
+    steps *= segments_m[:, None] / np.linalg.norm(steps, axis=1, keepdims=True)
+    x = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+    x += (xyz_m - np.stack([np.interp(s_m, nodes, x[:, k]) for k in range(3)], axis=1)).mean(axis=0)
+    return State(x[None], x[None].copy(), frames_along(x, None, None)[None])
+
+
 def frames_along(points: Floats, start: Pose | None, end: Pose | None) -> Floats:
-    """Frames of wall, segments and grasp (n + 1, 4): transported along the points, twist spread evenly."""
+    """Frames of wall, segments and grasp (n + 1, 4): transported along the points, twist spread evenly.
+
+    Where neither is held the first frame is any along the first segment.
+    """
     tangents = np.diff(points, axis=0)
     tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
     held = start if start is not None else end
-    assert held is not None
-    frame = Rotation.from_quat(held.quaternion, scalar_first=True)
+    if held is None:
+        frame = _turned_onto(Rotation.identity(), tangents[0])
+    else:
+        frame = Rotation.from_quat(held.quaternion, scalar_first=True)
     frames = [frame]
     for tangent in tangents:
         frame = _turned_onto(frame, tangent)
