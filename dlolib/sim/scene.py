@@ -62,6 +62,11 @@ class Scene:
             self.clamped,
         )
 
+    def of(self, rope: int) -> Scene:
+        """One rope of the batch."""
+        own = [part[[rope]] for part in self.arrays()]
+        return Scene(own[0], own[1], own[2], own[3], own[4], own[5], own[6], self.symmetric)
+
     @staticmethod
     def stack(scenes: Sequence[Scene]) -> Scene:
         """Scenes of one number of particles and obstacles, one after another in the batch."""

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from dlolib.errors import SimulationError
 from dlolib.sim.scene import Scene
-from dlolib.sim.simulate import Clock, Path, Rollout, State, roll_out
+from dlolib.sim.simulate import Clock, Path, Rollout, State, relax, roll_out
 from dlolib.types import Ends, Floats, Pose
 
 SAMPLES = 2001
@@ -21,14 +21,25 @@ def settle(scene: Scene, state: State, ends: Path) -> Rollout:
     """Equilibrium of B ropes whose ends stand at the path's first step, found by damped motion.
 
     The laws see each rope come from being straight, or from what `prior_history` says, at once.
+
+    Raises:
+        SimulationError: no equilibrium was found.
     """
-    span = None if ends.span is None else ends.span[:, :1]
-    for steps, step_s in SETTLING:
-        x, q = (np.repeat(part[:, :1], steps, axis=1) for part in (ends.x, ends.q))
-        still = Path(x, q, span=None if span is None else np.repeat(span, steps + 1, axis=1))
-        state = roll_out(scene, state, still, Clock(step_s, momentum=0.0, fresh=True)).final
-    last = Path(ends.x[:, :1], ends.q[:, :1], span=None if span is None else np.repeat(span, 2, axis=1))
-    return roll_out(scene, state, last, Clock(None, fresh=True))
+    try:
+        now = state
+        for steps, step_s in SETTLING:
+            now = roll_out(scene, now, ends.still(steps), Clock(step_s, momentum=0.0, fresh=True)).final
+        return roll_out(scene, now, ends.still(1), Clock(None, fresh=True))
+    except SimulationError:
+        pass
+    # a soft rope that hangs far below its first shape, or one that lies on something, takes more care
+    try:
+        return relax(scene, state, ends, fresh=True)
+    except SimulationError as error:
+        raise SimulationError(
+            f"before the first step: {error.problem}",
+            mend="begin at a pose that leaves the rope slack and clear of obstacles, or check its stiffness",
+        ) from None
 
 
 def first_shape(
