@@ -46,6 +46,8 @@ TORN = 0.06
 # As near to the rope's length as the motion brings two held ends.
 TAUT = 0.95
 LISTED = 100
+# Segments this short are pushed at points near enough to each other for what they touch.
+FINE_M = 0.015
 
 
 @dataclass(frozen=True)
@@ -63,48 +65,45 @@ class Drawn:
 
 
 def main(count: int) -> None:
-    tally: Counter[str] = Counter()
-    reasons: Counter[str] = Counter()
-    kinds: dict[str, Counter[str]] = {}
-    listed: list[dict[str, Any]] = []
-    stretch, depth, slow = 0.0, 0.0, 0
     with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
         every = list(track(pool.map(outcome, range(count), chunksize=10), "robustness", total=count))
-    for found in every:
-        tally[found["outcome"]] += 1
-        for kind in found["kinds"]:
-            kinds.setdefault(kind, Counter())[found["outcome"]] += 1
-        if found["outcome"] == "solved":
-            stretch, depth = max(stretch, found["stretch"]), max(depth, found["depth_m"])
-            slow = max(slow, found["iterations"])
-        else:
-            reasons[found["why"]] += 1
-            if len(listed) < LISTED:
-                listed.append({key: value for key, value in found.items() if key != "kinds"})
-    write_json(
-        REPORTS / "robustness.json",
-        {
-            "command": f"make robustness COUNT={count}",
-            "rollouts": count,
-            "steps_each": STEPS,
-            "drawn_from": {
-                "seed": SEED,
-                "particles": SIZES,
-                "bending_stiffness_n_m2": STIFFNESS_N_M2,
-                "fastest_m_s": FASTEST_M_S,
-                "step_s": STEP_S,
-            },
-            **{name: tally[name] for name in ("solved", "refused", "not_finite", "torn", "unnamed_error")},
-            "largest_stretch_percent": 100 * stretch,
-            "deepest_contact_mm": 1e3 * depth,
-            "most_iterations": slow,
-            "by_kind": {kind: dict(sorted(kinds[kind].items())) for kind in sorted(kinds)},
-            "reasons": dict(reasons.most_common()),
-            "listed": listed,
+    found = summary(every)
+    write_json(REPORTS / "robustness.json", found)
+    bad = found["not_finite"] + found["torn"] + found["unnamed_error"]
+    print(f"{count} roll-outs: {found['solved']} solved, {found['refused']} refused by name, {bad} failed")
+
+
+def summary(every: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """What became of the roll-outs from number 0 on, counted; of those not solved, why."""
+    kinds: dict[str, Counter[str]] = {}
+    for one in every:
+        for kind in one["kinds"]:
+            kinds.setdefault(kind, Counter())[one["outcome"]] += 1
+    solved = [one for one in every if one["outcome"] == "solved"]
+    others = [one for one in every if one["outcome"] != "solved"]
+    tally = Counter(one["outcome"] for one in every)
+    fine = [one["depth_m"] for one in solved if one["segment_m"] <= FINE_M]
+    return {
+        "command": f"make robustness COUNT={len(every)}",
+        "rollouts": len(every),
+        "steps_each": STEPS,
+        "drawn_from": {
+            "seed": SEED,
+            "particles": SIZES,
+            "bending_stiffness_n_m2": STIFFNESS_N_M2,
+            "fastest_m_s": FASTEST_M_S,
+            "step_s": STEP_S,
         },
-    )
-    bad = tally["not_finite"] + tally["torn"] + tally["unnamed_error"]
-    print(f"{count} roll-outs: {tally['solved']} solved, {tally['refused']} refused by name, {bad} failed")
+        **{name: tally[name] for name in ("solved", "refused", "not_finite", "torn", "unnamed_error")},
+        "largest_stretch_percent": 100 * max((one["stretch"] for one in solved), default=0.0),
+        "stretched_over_1_percent": sum(one["stretch"] > 0.01 for one in solved),
+        "deepest_contact_mm": 1e3 * max((one["depth_m"] for one in solved), default=0.0),
+        f"deepest_contact_mm_segments_to_{1e3 * FINE_M:.0f}_mm": 1e3 * max(fine, default=0.0),
+        "most_iterations": max((one["iterations"] for one in solved), default=0),
+        "by_kind": {kind: dict(sorted(kinds[kind].items())) for kind in sorted(kinds)},
+        "reasons": dict(Counter(one["why"] for one in others).most_common()),
+        "listed": [{k: v for k, v in one.items() if k != "kinds"} for one in others[:LISTED]],
+    }
 
 
 def outcome(number: int) -> dict[str, Any]:
@@ -131,7 +130,11 @@ def outcome(number: int) -> dict[str, Any]:
     rest = drawn.made.segment_l[0]
     stretch = np.abs(np.linalg.norm(np.diff(moved.x[0], axis=1), axis=2) / rest - 1).max(axis=1)
     depth = -clearance(moved.x[0], drawn.rod.rope.radius_m, drawn.obstacles).min()
-    said |= {"stretch": float(stretch.max()), "depth_m": float(max(depth, 0.0))}
+    said |= {
+        "stretch": float(stretch.max()),
+        "depth_m": float(max(depth, 0.0)),
+        "segment_m": float(rest.max()),
+    }
     if stretch.max() > TORN:
         return said | {"outcome": "torn", "why": "torn", "step": int(np.argmax(stretch > TORN))}
     return said | {"outcome": "solved", "iterations": int(moved.iterations.max())}

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from dlolib.errors import ParameterError
+from dlolib.errors import ParameterError, SimulationError
 from dlolib.formats import interpolate_motion
 from dlolib.sim import iterative
 from dlolib.sim.effects import parameter
@@ -35,6 +35,8 @@ from dlolib.types import Floats, Motion, Pose, Recording
 # branch where several equilibria exist; a rope that remembers its way takes shorter ones.
 LARGEST_MOVE_M, LARGEST_TURN_RAD = 0.01, 0.1
 REMEMBERED = 0.4
+# A step of the dynamic clock follows an end by this share of the rope's length and by this turn.
+FOLLOWED, FOLLOWED_RAD = 0.25, 1.0
 
 
 @dataclass(frozen=True)
@@ -88,7 +90,33 @@ class RecordingModel:
             raise ParameterError("a dynamic recording needs a time step", mend="give rod.time_step_s")
         return _step_times(self.recording, step_s, REMEMBERED if made.path_dependent else 1.0)
 
+    @cached_property
+    def _hastiest(self) -> tuple[float, float, float, float]:
+        """The dynamic step that is hardest to follow: how hard, when [s], an end's way [m] and turn [rad]."""
+        times = _step_times(self.recording, self.step_s, 1.0)
+        poses = interpolate_motion(self.recording.motion, times)
+        ways = [np.linalg.norm(np.diff(m, axis=0), axis=1) for m in (poses.start_m, poses.end_m)]
+        cosines = [np.sum(q[1:] * q[:-1], axis=1) for q in (poses.start_q, poses.end_q)]
+        way = np.nan_to_num(ways).max(axis=0)
+        turn = 2 * np.arccos(np.clip(np.nan_to_num(cosines, nan=1.0), -1, 1)).max(axis=0)
+        hard = np.maximum(way / (FOLLOWED * self.recording.rope.length_m), turn / FOLLOWED_RAD)
+        worst = int(np.argmax(hard))
+        return float(hard[worst]), float(times[worst]), float(way[worst]), float(turn[worst])
+
+    def _check_speed(self) -> None:
+        hard, time_s, way, turn = self._hastiest
+        if hard > 1:
+            slow_enough_s = 0.9 * (self.step_s or 0.0) / hard
+            raise SimulationError(
+                f"from t_s = {time_s:g} on an end moves {way:.3g} m and turns {turn:.2g} rad in a step of "
+                f"{self.step_s:g} s, which follows {FOLLOWED * self.recording.rope.length_m:.3g} m "
+                f"and {FOLLOWED_RAD:g} rad at most",
+                mend=f"give rod.time_step_s of {slow_enough_s:.2g} or less, or correct motion.csv",
+            )
+
     def _at_rest(self, made: Setup) -> Rollout:
+        if made.moving:
+            self._check_speed()
         rec, path = self.recording, self.path(made, self.times(made)[:1])
         if not self._held:
             nowhere = Path(path.x[:, :0], path.q[:, :0])

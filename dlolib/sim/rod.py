@@ -50,6 +50,9 @@ class Rod:
         ):
             if not (np.isfinite(value) and value > 0):
                 raise ParameterError(f"{name} = {value:g} is not a positive number", mend="give one above 0")
+        for name, value in (("diameter_m", 2 * self.rope.radius_m), ("tip_mass_kg", self.rope.tip_mass_kg)):
+            if not (np.isfinite(value) and value >= 0):
+                raise ParameterError(f"{name} = {value:g} is out of range", mend="give 0 or more")
         if self.particles < 3:
             raise ParameterError(f"particles = {self.particles}", mend="a rod needs 3 or more")
         for name, value in self.effects.items():
