@@ -58,6 +58,11 @@ solvers: .venv/installed ## the paper's iterative solver beside the direct one o
 bench: .venv/bench ## how fast and how right the rod is, beside its peers: reports/bench.json (15 minutes); KEYS=... for some
 	@python -m stages.bench $(KEYS)
 
+COUNT ?= 10000
+.PHONY: robustness
+robustness: .venv/installed ## COUNT=10000 random roll-outs of the rod: reports/robustness.json (half an hour)
+	@python -m stages.robustness "$(COUNT)"
+
 .PHONY: validation
 validation: .venv/installed ## the rod against theory: docs/validation.md and its figures
 	@python -m stages.validation

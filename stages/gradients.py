@@ -37,12 +37,22 @@ ACTING: dict[str, dict[str, float]] = {
     "inertia_drag": {"inertia": 1.0, "drag": 0.05},
     "clock_offset": {"time": 0.015},
     "camera_pose": {"rotation_1": 0.01, "rotation_2": 0.02, "rotation_3": -0.01, "depth": 0.003},
+    "prior_history": {"kappa_1": 2.0, "kappa_2": 9.0},
 }
-SHAPES = {
+# What an effect needs beside it to show. Not plasticity: joints that stand still on their yield surface
+# yield or not by rounding, which counts as an event.
+BESIDE = {
+    "prior_history": {
+        "internal_friction.saturation_curvature": 2.0,
+        "internal_friction.transition_curvature": 4.0,
+    }
+}
+SHAPES: dict[str, dict[str, tuple[float, ...]]] = {
     "cylinder": {"center_m": (0.2, 0.0, -0.125), "axis": (0, 1, 0), "radius_m": (0.03,), "height_m": (0.1,)},
     "sphere": {"center_m": (0.2, 0.005, -0.125), "radius_m": (0.03,)},
     "plane": {"point_m": (0.0, 0.0, -0.095), "normal": (0.05, 0.0, 1.0)},
     "box": {"center_m": (0.2, 0.0, -0.13), "quaternion": (1, 0, 0, 0), "size_m": (0.08, 0.1, 0.06)},
+    "capsule": {"center_m": (0.2, 0.0, -0.125), "axis": (0.5, 1, 0), "radius_m": (0.03,), "height_m": (0.1,)},
 }
 PARTICLES = 20
 # Newton's tolerance under differences, which see what it leaves.
@@ -90,7 +100,7 @@ def scenes() -> Iterator[tuple[str, Recording, Rod, list[str]]]:
     own = ["bending_stiffness", "torsional_stiffness"]
     for effect in EFFECTS:
         values = {f"{effect}.{name}": value for name, value in ACTING.get(effect, {}).items()}
-        rod = Rod(ROPE, EI, GJ, values, PARTICLES)
+        rod = Rod(ROPE, EI, GJ, {**values, **BESIDE.get(effect, {})}, PARTICLES)
         timed = effect in ("viscoelastic_bending", "inertia_drag", "clock_offset")
         obstacles = (Obstacle("cylinder", SHAPES["cylinder"]),) if effect == "contact_friction" else ()
         yield effect, _short(obstacles, not timed), rod, [*own, *values]

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from dlolib.errors import FormatError
 from dlolib.formats._schema import MILLIMETRES
-from dlolib.types import Ends, Floats, Ints, Motion, Rope
+from dlolib.formats.geometry import signed_distance
+from dlolib.types import Ends, Floats, Ints, Motion, Obstacle, Rope
 
 # A rope of length L fits in a sphere of radius L about any of its points. Lengths are often measured
 # a few per cent short, hence the slack; a factor of a thousand is far beyond the second bound.
@@ -46,6 +48,24 @@ def check_ends(motion: Motion, ends: Ends, rope: Rope, path: Path) -> None:
             path,
             f"line {worst + 2}",
         )
+
+
+def check_clear(motion: Motion, obstacles: Sequence[Obstacle], path: Path) -> None:
+    """Refuse an obstacle that a held end, the middle of the rope there, is inside of."""
+    for number, obstacle in enumerate(obstacles):
+        for end, place in (("start", motion.start_m), ("end", motion.end_m)):
+            clear = signed_distance(obstacle, place)
+            if np.isnan(clear).all():
+                continue
+            worst = int(np.nanargmin(clear))
+            if clear[worst] < 0:
+                raise FormatError(
+                    f"the clamped {end} is {-1e3 * clear[worst]:.1f} mm inside obstacle {number} "
+                    f"({obstacle.shape}) at t_s = {motion.t_s[worst]:g}",
+                    file=path,
+                    place=f"line {worst + 2}",
+                    mend="move the obstacle or the clamp, whose middle must be 0 mm or more outside",
+                )
 
 
 def check_places(frame: Ints, s_m: Floats, xyz_m: Floats, rope: Rope, path: Path, lines: Ints) -> None:

@@ -12,7 +12,7 @@ from pydantic import Field
 from dlolib.errors import FormatError
 from dlolib.files import whole_folder, write_csv, write_json
 from dlolib.formats._json import checked, read_json
-from dlolib.formats._plausible import check_ends, check_meeting, check_places
+from dlolib.formats._plausible import check_clear, check_ends, check_meeting, check_places
 from dlolib.formats._schema import FrameRange, Scene, Strict, scene_json
 from dlolib.formats._table import Table, check_whole, read_table
 from dlolib.formats.motion import interpolate_motion, read_motion, write_motion
@@ -64,6 +64,7 @@ def read_recording(folder: Path) -> Recording:
     rope, ends = model.object.rope(), model.parsed_ends()
     motion = read_motion(folder / "motion.csv")
     check_ends(motion, ends, rope, folder / "motion.csv")
+    check_clear(motion, model.parsed_obstacles(), folder / "motion.csv")
     points = _read_points(folder / "points.csv", rope, model.planar)
     _check_against_motion(points, motion, rope, folder / "motion.csv")
     _check_ranges(model, points, path)

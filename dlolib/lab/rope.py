@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -146,29 +147,16 @@ def _weld(spec: mujoco.MjSpec, tip: mujoco.MjsBody) -> None:
 
 
 def _add_obstacle(world: mujoco.MjsBody, obstacle: Obstacle, friction: float) -> None:
-    values = {name: np.array(value, dtype=float) for name, value in obstacle.values.items()}
-    kinds = mujoco.mjtGeom
-    quaternion = [1.0, 0.0, 0.0, 0.0]
-    if obstacle.shape == "cylinder":
-        kind, size = kinds.mjGEOM_CYLINDER, [values["radius_m"][0], values["height_m"][0] / 2, 0]
-        quaternion = _from_z(values["axis"])
-    elif obstacle.shape == "sphere":
-        kind, size = kinds.mjGEOM_SPHERE, [values["radius_m"][0], 0, 0]
-    elif obstacle.shape == "plane":
-        kind, size = kinds.mjGEOM_PLANE, [0, 0, 1]
-        quaternion = _from_z(values["normal"])
-    elif obstacle.shape == "box":
-        kind, size = kinds.mjGEOM_BOX, list(values["size_m"] / 2)
-        quaternion = list(values["quaternion"])
-    else:
+    if obstacle.shape not in GEOMS:
         raise ParameterError(
-            f"the laboratory has no obstacle {obstacle.shape!r}", mend="use cylinder, sphere, plane or box"
+            f"the laboratory has no obstacle {obstacle.shape!r}", mend=f"use one of {', '.join(GEOMS)}"
         )
-    place = values["point_m"] if obstacle.shape == "plane" else values["center_m"]
+    values = {name: np.array(value, dtype=float) for name, value in obstacle.values.items()}
+    kind, size, quaternion = GEOMS[obstacle.shape](values)
     world.add_geom(
         type=kind,
         size=size,
-        pos=place,
+        pos=values["point_m" if "point_m" in values else "center_m"],
         quat=quaternion,
         contype=0,
         conaffinity=1,
@@ -182,3 +170,19 @@ def _from_z(direction: Floats) -> list[float]:
     """The quaternion that turns +z into this direction."""
     turn, _ = Rotation.align_vectors([direction / np.linalg.norm(direction)], [[0.0, 0.0, 1.0]])
     return [float(value) for value in turn.as_quat(scalar_first=True)]
+
+
+Values = Mapping[str, Floats]
+NO_TURN = [1.0, 0.0, 0.0, 0.0]
+GEOMS: dict[str, Callable[[Values], tuple[mujoco.mjtGeom, list[float], list[float]]]] = {
+    "cylinder": lambda of: (mujoco.mjtGeom.mjGEOM_CYLINDER, _round(of), _from_z(of["axis"])),
+    "sphere": lambda of: (mujoco.mjtGeom.mjGEOM_SPHERE, [of["radius_m"][0], 0, 0], NO_TURN),
+    "plane": lambda of: (mujoco.mjtGeom.mjGEOM_PLANE, [0, 0, 1], _from_z(of["normal"])),
+    "box": lambda of: (mujoco.mjtGeom.mjGEOM_BOX, list(of["size_m"] / 2), list(of["quaternion"])),
+    "capsule": lambda of: (mujoco.mjtGeom.mjGEOM_CAPSULE, _round(of), _from_z(of["axis"])),
+}
+"""MuJoCo's kind, size and quaternion of each shape."""
+
+
+def _round(values: Values) -> list[float]:
+    return [values["radius_m"][0], values["height_m"][0] / 2, 0]

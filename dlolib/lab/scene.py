@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from dlolib.o3d import open3d
 from dlolib.types import Floats, Ints, Obstacle, Pose
+
+Values = Mapping[str, Floats]
 
 SIDES, RINGS_PER_BODY = 32, 4
 # Reflectances: white rope with darker strands, black plate, the rest dark grey.
@@ -48,7 +51,7 @@ def build_scene(
     tube, strands = _tube(xyz_m, radius_m)
     meshes = [(tube, strands), (_plate(start.position_m), PLATE), (_held(start, CLAMP_BOX_M), CLAMP)]
     meshes += [(_held(end, box), GRIPPER) for box in (JAW_BOX_M, WRIST_BOX_M)]
-    meshes += [(_obstacle(one), OBSTACLE) for one in obstacles if one.shape != "plane"]
+    meshes += [(_obstacle(one), OBSTACLE) for one in obstacles if one.shape in MESHES]
     scene = open3d.t.geometry.RaycastingScene()
     albedo, first = [], [0]
     for mesh, shade in meshes:
@@ -109,18 +112,45 @@ def _held(pose: Pose, box: tuple[tuple[float, float], float, float]) -> Any:
 
 def _obstacle(obstacle: Obstacle) -> Any:
     values = {name: np.array(value, dtype=float) for name, value in obstacle.values.items()}
-    mesh: Any
-    make, turn = open3d.geometry.TriangleMesh, np.eye(3)
-    if obstacle.shape == "cylinder":
-        mesh = make.create_cylinder(float(values["radius_m"][0]), float(values["height_m"][0]), 64)
-        axis = values["axis"] / np.linalg.norm(values["axis"])
-        turn = Rotation.align_vectors([axis], [[0.0, 0.0, 1.0]])[0].as_matrix()
-    elif obstacle.shape == "sphere":
-        mesh = make.create_sphere(float(values["radius_m"][0]), 32)
-    else:
-        mesh = make.create_box(*values["size_m"]).translate(-values["size_m"] / 2)
-        turn = Rotation.from_quat(values["quaternion"], scalar_first=True).as_matrix()
+    mesh, turn = MESHES[obstacle.shape](values)
     return mesh.rotate(turn, center=(0, 0, 0)).translate(values["center_m"])
+
+
+def _cylinder(values: Values) -> tuple[Any, Floats]:
+    radius, height = float(values["radius_m"][0]), float(values["height_m"][0])
+    return open3d.geometry.TriangleMesh.create_cylinder(radius, height, 64), _from_z(values["axis"])
+
+
+def _sphere(values: Values) -> tuple[Any, Floats]:
+    return open3d.geometry.TriangleMesh.create_sphere(float(values["radius_m"][0]), 32), np.eye(3)
+
+
+def _capsule(values: Values) -> tuple[Any, Floats]:
+    mesh, turn = _cylinder(values)
+    half = np.array([0.0, 0.0, values["height_m"][0] / 2])
+    for side in (-1, 1):
+        mesh += _sphere(values)[0].translate(side * half)
+    return mesh, turn
+
+
+def _box(values: Values) -> tuple[Any, Floats]:
+    mesh = open3d.geometry.TriangleMesh.create_box(*values["size_m"]).translate(-values["size_m"] / 2)
+    return mesh, Rotation.from_quat(values["quaternion"], scalar_first=True).as_matrix()
+
+
+MESHES: dict[str, Callable[[Values], tuple[Any, Floats]]] = {
+    "cylinder": _cylinder,
+    "sphere": _sphere,
+    "box": _box,
+    "capsule": _capsule,
+}
+"""Each shape's mesh about the origin, and the turn (3, 3) that brings it to its place."""
+
+
+def _from_z(direction: Floats) -> Floats:
+    """The turn (3, 3) of +z into this direction."""
+    axis = direction / np.linalg.norm(direction)
+    return np.asarray(Rotation.align_vectors([axis], [[0.0, 0.0, 1.0]])[0].as_matrix())
 
 
 def _mesh(vertices: Floats, faces: Ints) -> Any:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,6 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from dlolib.report.style import OBSTACLE, OBSTACLE_EDGE
 from dlolib.types import Floats, Obstacle
+
+Values = Mapping[str, Floats]
 
 VIEWS = {"x-z": (0, 2), "x-y": (0, 1)}
 """The two views of the paper's Fig. 10: which coordinates go to the right and up."""
@@ -60,28 +62,45 @@ def draw_rope(
 
 def silhouette(obstacle: Obstacle, view: str) -> Floats | None:
     """Outline (K, 2) [m] of an obstacle seen along the view's axis; None for a plane, which has none."""
-    values = {name: np.asarray(value, dtype=float) for name, value in obstacle.values.items()}
-    if obstacle.shape == "cylinder":
-        solid = _cylinder(values)
-    elif obstacle.shape == "sphere":
-        circle = float(values["radius_m"][0]) * np.column_stack([np.cos(CIRCLE), np.sin(CIRCLE)])
-        return np.asarray(values["center_m"][list(VIEWS[view])] + circle)
-    elif obstacle.shape == "box":
-        corners = np.array(np.meshgrid(*[[-0.5, 0.5]] * 3)).reshape(3, -1).T * values["size_m"]
-        turn = Rotation.from_quat(values["quaternion"], scalar_first=True)
-        solid = values["center_m"] + turn.apply(corners)
-    else:
+    if obstacle.shape not in OUTLINES:
         return None
-    flat = solid[:, VIEWS[view]]
+    values = {name: np.asarray(value, dtype=float) for name, value in obstacle.values.items()}
+    flat = OUTLINES[obstacle.shape](values, list(VIEWS[view]))
     return np.asarray(flat[ConvexHull(flat).vertices])
 
 
-def _cylinder(values: dict[str, Floats]) -> Floats:
+def _sphere(values: Values, across: list[int]) -> Floats:
+    circle = values["radius_m"] * np.column_stack([np.cos(CIRCLE), np.sin(CIRCLE)])
+    return np.asarray(values["center_m"][across] + circle)
+
+
+def _capsule(values: Values, across: list[int]) -> Floats:
+    half = 0.5 * values["height_m"] * values["axis"] / np.linalg.norm(values["axis"])
+    ends = [_sphere({**values, "center_m": values["center_m"] + side * half}, across) for side in (-1, 1)]
+    return np.vstack(ends)
+
+
+def _box(values: Values, across: list[int]) -> Floats:
+    corners = np.array(np.meshgrid(*[[-0.5, 0.5]] * 3)).reshape(3, -1).T * values["size_m"]
+    turn = Rotation.from_quat(values["quaternion"], scalar_first=True)
+    return np.asarray(values["center_m"] + turn.apply(corners))[:, across]
+
+
+def _cylinder(values: Values, across: list[int]) -> Floats:
     axis = values["axis"] / np.linalg.norm(values["axis"])
-    across = np.linalg.svd(axis[None])[2][1:]
-    rim = values["radius_m"] * (np.outer(np.cos(CIRCLE), across[0]) + np.outer(np.sin(CIRCLE), across[1]))
+    sides = np.linalg.svd(axis[None])[2][1:]
+    rim = values["radius_m"] * (np.outer(np.cos(CIRCLE), sides[0]) + np.outer(np.sin(CIRCLE), sides[1]))
     half = 0.5 * values["height_m"] * axis
-    return np.asarray(np.vstack([values["center_m"] + rim - half, values["center_m"] + rim + half]))
+    return np.vstack([values["center_m"] + rim - half, values["center_m"] + rim + half])[:, across]
+
+
+OUTLINES: dict[str, Callable[[Values, list[int]], Floats]] = {
+    "cylinder": _cylinder,
+    "sphere": _sphere,
+    "box": _box,
+    "capsule": _capsule,
+}
+"""Points of each shape, projected onto a view's coordinates, whose convex hull is its outline."""
 
 
 def draw_obstacles(axes: Axes, obstacles: Sequence[Obstacle], view: str) -> None:

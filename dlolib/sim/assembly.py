@@ -10,7 +10,7 @@ from dlolib.sim.contact import friction, push, within
 from dlolib.sim.joints import curvature, elastic, laws_act, remember, respond
 from dlolib.sim.rotations import identity
 from dlolib.sim.runtime import mat3, ti, vec3, vec4
-from dlolib.sim.scene import DRAG, INERTIA, LENGTH, LOAD, SAMPLES
+from dlolib.sim.scene import DRAG, INERTIA, LENGTH, LOAD, PRIOR, SAMPLES, STIFFNESS
 from dlolib.sim.strain import bend_twist, darboux, stretch_shear
 
 scalars2 = ti.types.ndarray(dtype=ti.f64, ndim=2)
@@ -28,6 +28,9 @@ flags3 = ti.types.ndarray(dtype=ti.i32, ndim=3)
 
 # What may be prescribed, three unknowns each: the unused position, both outer frames, both end particles.
 ENDS = 5
+# What the roll of a rope that nobody holds meets, over the torsional stiffness: a step that goes on until no
+# force is left may take more than a derivative, which has one try.
+ROLL, ROLL_OF_DERIVATIVES = 1e-6, 1e-8
 
 
 @ti.func
@@ -75,9 +78,11 @@ def joint_lengths(joints: ti.template(), steps: ti.template(), b: int, t: int, i
 
 
 @ti.func
-def bent_before(q: ti.template(), b: int, t: int, i: int, length: float, fresh: int) -> vec3:
-    """Curvature of joint i at the step before [1/m]; a `fresh` rope comes from being straight."""
-    before = vec3(0.0)
+def bent_before(
+    joints: ti.template(), q: ti.template(), b: int, t: int, i: int, length: float, fresh: int
+) -> vec3:
+    """Curvature of joint i at the step before [1/m]; a `fresh` rope comes from what it once was."""
+    before = vec3(joints[b, i, PRIOR], joints[b, i, PRIOR + 1], 0.0)
     if fresh == 0:
         before = curvature(q, b, t - 1, i, length)
     return before
@@ -138,8 +143,8 @@ def assemble(
     m |x - free flight|^2 / (2 dt^2) and drag |x - x_before|^2 / (2 dt). `first` are the positions one step
     before index 0. With `forced` laws and contacts take the branches noted at index t. With `lagged` contacts
     slide at the `limits` and along the surfaces noted, wherever they are. With `fresh` the laws see the rope
-    come from being straight, at once. Two choices of compile time: without `hessian` upper and lower are
-    left; a `plain` rope has neither laws nor obstacles, and is symmetric.
+    come from being straight or as it once was, at once. Two choices of compile time: without `hessian` upper
+    and lower are left; a `plain` rope has neither laws nor obstacles, and is symmetric.
     """
     n = particles.shape[1]
     dt = steps[b, t, 0] * (1 - fresh)
@@ -160,7 +165,7 @@ def assemble(
             if ti.static(not plain):
                 before = kappa
                 if laws_act(joints, b, i):
-                    before = bent_before(q, b, t, i, before_l, fresh)
+                    before = bent_before(joints, q, b, t, i, before_l, fresh)
                 e, moment, tangent = respond(joints, past, b, t - 1, i, kappa, before, dt, forced)
             energy += now_l * e
             ga, gb, aa, ab, ba, bb = bend_twist(w, v, c, c1, c2, moment, tangent / now_l)
@@ -184,6 +189,10 @@ def assemble(
                 t_x = dtheta.transpose()
                 gx_next = gd
                 xx_next = dd
+        if i == 1 and clamped[b, 0] + clamped[b, 1] == 0:
+            # no force, but a Hessian for the roll: alone it moves nothing, and rounding would decide
+            share = ROLL if forced == 0 else ROLL_OF_DERIVATIVES
+            tt[2, 2] += share * joints[b, 1, STIFFNESS + 2] / joints[b, 1, LENGTH]
         for end in ti.static(range(2)):
             if i == end * n and grips[b, end, 0] > 0.0:
                 e, g, h = grip(
@@ -281,7 +290,7 @@ def advance(
         now_l, before_l = joint_lengths(joints, steps, b, t, i)
         if laws_act(joints, b, i):
             kappa = curvature(q, b, t, i, now_l)
-            before = bent_before(q, b, t, i, before_l, fresh)
+            before = bent_before(joints, q, b, t, i, before_l, fresh)
             remember(joints, past, b, t - 1, i, kappa, before, dt, forced, out_past, m, u)
         for j in range(SAMPLES):
             if symmetric == 0 and (j == 0 or i + 1 < n):

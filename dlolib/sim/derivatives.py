@@ -37,7 +37,7 @@ from dlolib.sim.band import HALF, entry, factor, solve, solve_transposed, times_
 from dlolib.sim.contact import friction
 from dlolib.sim.direct import NOT_FINITE
 from dlolib.sim.effects import LAWS
-from dlolib.sim.joints import HISTORY, curvature, law_derivatives, laws_act
+from dlolib.sim.joints import HISTORY, begin, curvature, law_derivatives, laws_act
 from dlolib.sim.runtime import APART, NEAR, mat2, mat3, ti, vec2, vec3, vec4
 from dlolib.sim.scene import DRAG, INERTIA, SAMPLES
 from dlolib.sim.scene import LAWS as FIRST
@@ -110,7 +110,7 @@ def linearise(
             if laws_act(joints, b, i):
                 now_l, before_l = joint_lengths(joints, steps, b, t, i)
                 kappa = curvature(q, b, t, i, now_l)
-                before = bent_before(q, b, t, i, before_l, fresh)
+                before = bent_before(joints, q, b, t, i, before_l, fresh)
                 for k in ti.static(range(len(LAWS))):
                     if joints[b, i, FIRST + 2 * k] != 0.0:
                         blocks = law_derivatives(k, joints, past, b, t - 1, i, kappa, before, dt)
@@ -168,6 +168,10 @@ def residuals(
         m = lane // NEAR
         count = x.shape[1] - 1
         b, t = m // count, m % count + 1
+        if fresh == 1:
+            # what was before the first shape depends on the parameters too
+            for i in range(x.shape[2]):
+                begin(joints, past, b, t - 1, i, 1)
         assemble(
             b, t, m, x, q, first, past, slip, sliding, end_q, steps, joints, segments, particles, contacts,
             obstacles, grips, clamped, moving, momentum, fresh, symmetric, 1, 0, y,

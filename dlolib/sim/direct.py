@@ -22,7 +22,7 @@ from dlolib.sim.assembly import (
 )
 from dlolib.sim.band import factor, solve
 from dlolib.sim.contact import grip_of
-from dlolib.sim.joints import laws_act
+from dlolib.sim.joints import begin, laws_act
 from dlolib.sim.rotations import rotated
 from dlolib.sim.runtime import APART, ti, vec3
 from dlolib.sim.scene import FRICTION, SAMPLES, STIFFNESS
@@ -267,10 +267,8 @@ def roll_out(
         for t in range(1, x.shape[1]):
             predict(b, t, x, q, first, end_x, end_q, grips, clamped)
             if fresh == 1:
-                # a rope that comes from being straight has no history
                 for i in range(n):
-                    for k in range(past.shape[3]):
-                        past[b, t - 1, i, k] = 0.0
+                    begin(joints, past, b, t - 1, i, 0)
             done, converged = not alive, False
             count = 0
             lowest, least, promised = 1e300, 1e300, 0.0

@@ -7,7 +7,7 @@ is two numbers a joint beside the branch that it took, and it sees the curvature
 from dlolib.sim.effects import LAWS
 from dlolib.sim.runtime import mat3, ti, vec2, vec3
 from dlolib.sim.scene import LAWS as FIRST
-from dlolib.sim.scene import REST, STIFFNESS, UNIFORM
+from dlolib.sim.scene import PRIOR, REST, STIFFNESS, UNIFORM
 from dlolib.sim.strain import darboux
 
 # Of each law: two numbers of history and the branch.
@@ -46,6 +46,30 @@ def elastic(joints: ti.template(), b: int, i: int, now: vec3):
     strain = now - vec3(joints[b, i, REST], joints[b, i, REST + 1], joints[b, i, REST + 2])
     moment = d * strain
     return 0.5 * moment.dot(strain), moment, mat3([[d[0], 0.0, 0.0], [0.0, d[1], 0.0], [0.0, 0.0, d[2]]])
+
+
+@ti.func
+def begin(joints: ti.template(), past: ti.template(), b: int, t: int, i: int, forced: int):
+    """Into past[b, t, i] the histories of a rope that was bent from straight to the curvature it once had.
+
+    Where it had none it has no history. With `forced` the laws take the branches noted at index t.
+    """
+    prior = vec2(joints[b, i, PRIOR], joints[b, i, PRIOR + 1])
+    for k in ti.static(range(len(LAWS))):
+        p = vec2(joints[b, i, FIRST + 2 * k], joints[b, i, FIRST + 2 * k + 1])
+        after = vec2(0.0)
+        branch = 0
+        if p[0] != 0.0 and (prior[0] != 0.0 or prior[1] != 0.0):
+            _m, after, _w, _mn, _mb, _mp, _hn, _hb, _hp, branch = LAWS[k].respond(
+                prior, vec2(0.0), vec2(0.0), vec2(joints[b, i, REST], joints[b, i, REST + 1]), p,
+                vec2(joints[b, i, STIFFNESS], joints[b, i, STIFFNESS + 1]), joints[b, i, UNIFORM], 0.0,
+                branch_of(past, b, t - 1, i, k, forced),
+            )  # fmt: skip
+        past[b, t, i, 3 * k], past[b, t, i, 3 * k + 1], past[b, t, i, 3 * k + 2] = (
+            after[0],
+            after[1],
+            float(branch),
+        )
 
 
 @ti.func

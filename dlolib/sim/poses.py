@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from dlolib.formats import interpolate_motion
 from dlolib.sim.effects.base import Setup
@@ -20,7 +19,7 @@ from dlolib.sim.observe import point_weights, seen, turned, viewing_axis
 from dlolib.sim.recording import Prediction, RecordingModel, Sides, held_path, largest_step, sides_of
 from dlolib.sim.rod import Rod, scene_of, setup
 from dlolib.sim.simulate import Case, Path, Rollout, State, Variation, sensitivities
-from dlolib.sim.start import frames_along, settle
+from dlolib.sim.start import curve_through, frames_along, settle
 from dlolib.types import Floats, Ints, Motion, Pose, Recording
 
 
@@ -104,8 +103,7 @@ class PosesModel:
             known = {s: p for s, p in {**seen, **held}.items() if np.isfinite(p).all()} | {
                 s: p for s, p in seen.items() if s not in held or not np.isfinite(held[s]).all()
             }
-            s = np.array(sorted(known))
-            curve = CubicSpline(s, np.array([known[a] for a in s]), bc_type="natural")(nodes)
+            curve = curve_through(np.array([*known]), np.array([*known.values()]), nodes)
             start = Pose(motion.start_m[k], motion.start_q[k]) if rec.ends.start == "clamped" else None
             end = Pose(motion.end_m[k], motion.end_q[k]) if rec.ends.end == "clamped" else None
             shapes.append(curve)

@@ -10,7 +10,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from dlolib.errors import ParameterError
+from dlolib.errors import ParameterError, SimulationError
 from dlolib.formats import interpolate_motion
 from dlolib.sim import iterative
 from dlolib.sim.effects import parameter
@@ -23,11 +23,13 @@ from dlolib.sim.simulate import (
     Path,
     Rollout,
     State,
+    Tangent,
     Variation,
     roll_out,
     sensitivities,
+    zero_tangent,
 )
-from dlolib.sim.start import first_shape, settle
+from dlolib.sim.start import first_shape, released, settle
 from dlolib.types import Floats, Motion, Pose, Recording
 
 # Between two quasi-static steps an end moves and turns at most this much, so that the rope follows its
@@ -36,6 +38,8 @@ LARGEST_MOVE_M, LARGEST_TURN_RAD = 0.01, 0.1
 REMEMBERED = 0.4
 # A difference for a derivative is no smaller a share of the value than this.
 LEAST_DIFFERENCE = 1e-9
+# A step of the dynamic clock follows an end by this share of the rope's length and by this turn.
+FOLLOWED, FOLLOWED_RAD = 0.25, 1.0
 
 
 Made = TypeVar("Made")
@@ -103,8 +107,37 @@ class RecordingModel:
             for step_s in clocks
         }
 
+    @cached_property
+    def _hastiest(self) -> tuple[float, float, float, float]:
+        """The dynamic step that is hardest to follow: how hard, when [s], an end's way [m] and turn [rad]."""
+        times = _step_times(self.recording, self.step_s, 1.0)
+        poses = interpolate_motion(self.recording.motion, times)
+        ways = [np.linalg.norm(np.diff(m, axis=0), axis=1) for m in (poses.start_m, poses.end_m)]
+        cosines = [np.sum(q[1:] * q[:-1], axis=1) for q in (poses.start_q, poses.end_q)]
+        way = np.nan_to_num(ways).max(axis=0)
+        turn = 2 * np.arccos(np.clip(np.nan_to_num(cosines, nan=1.0), -1, 1)).max(axis=0)
+        hard = np.maximum(way / (FOLLOWED * self.recording.rope.length_m), turn / FOLLOWED_RAD)
+        worst = int(np.argmax(hard))
+        return float(hard[worst]), float(times[worst]), float(way[worst]), float(turn[worst])
+
+    def _check_speed(self) -> None:
+        hard, time_s, way, turn = self._hastiest
+        if hard > 1:
+            slow_enough_s = 0.9 * (self.step_s or 0.0) / hard
+            raise SimulationError(
+                f"from t_s = {time_s:g} on an end moves {way:.3g} m and turns {turn:.2g} rad in a step of "
+                f"{self.step_s:g} s, which follows {FOLLOWED * self.recording.rope.length_m:.3g} m "
+                f"and {FOLLOWED_RAD:g} rad at most",
+                mend=f"give rod.time_step_s of {slow_enough_s:.2g} or less, or correct motion.csv",
+            )
+
     def _at_rest(self, made: Setup) -> Rollout:
+        if made.moving:
+            self._check_speed()
         path = self.path(made, self.times(made)[:1])
+        if not self._held:
+            nowhere = Path(path.x[:, :0], path.q[:, :0])
+            return roll_out(scene_of([made]), self._released(made), nowhere, self._clock(made))
         return settle(scene_of([made]), self._first_shape(path), path)
 
     def _first_shape(self, path: Path) -> State:
@@ -123,6 +156,16 @@ class RecordingModel:
     def _kept(self) -> Kept:
         """What most rods share: paths and first shapes depend on how the rope is held alone."""
         return Kept()
+
+    @property
+    def _held(self) -> bool:
+        """Whether anybody holds the rope; else it falls from where it was seen first."""
+        return "clamped" in (self.recording.ends.start, self.recording.ends.end)
+
+    def _released(self, made: Setup) -> State:
+        points = self.recording.points
+        first = points.t_s == points.t_s.min()
+        return released(points.s_m[first], points.xyz_m[first], made.segments[:, 0])
 
     def _moved(self, made: Setup, rest: Rollout) -> Rollout:
         path, state = self.path(made, self.times(made)), rest.final.at_rest()
@@ -167,8 +210,7 @@ class RecordingModel:
             return Prediction(seen(xyz, made.camera, axis), np.zeros((*xyz.shape, 0)))
         steps = np.unique(np.concatenate([before, after]))
         slot = np.searchsorted(steps, np.arange(len(times)))
-        first = [self._variation(*side, times[:1]) for side in sides]
-        _, tangent = sensitivities(rest, first, np.array([1]))
+        tangent = self._tangent(rest, sides, times)
         ways = [self._variation(*side, times) for side in sides]
         out, _ = sensitivities(rollout, ways, steps + 1, tangent.at_rest())
         columns = []
@@ -177,6 +219,14 @@ class RecordingModel:
             looked = seen(xyz, ahead.camera, axis) - seen(xyz, behind.camera, axis)
             columns.append(moved + looked / width)
         return Prediction(seen(xyz, made.camera, axis), np.stack(columns, axis=2))
+
+    def _tangent(self, rest: Rollout, sides: Sequence[tuple[Setup, Setup, float]], times: Floats) -> Tangent:
+        """Derivatives of the first state by the parameters."""
+        if self._held:
+            first = [self._variation(*side, times[:1]) for side in sides]
+            return sensitivities(rest, first, np.array([1]))[1]
+        moved = [(self._released(a).x - self._released(b).x) / width for a, b, width in sides]
+        return replace(zero_tangent(1, len(sides), self.particles), x=np.stack(moved, axis=1))
 
     def _variation(self, ahead: Setup, behind: Setup, width: float, times: Floats) -> Variation:
         one, other = (Case(scene_of([s]), self.path(s, times)) for s in (ahead, behind))
@@ -243,8 +293,11 @@ def _step_times(recording: Recording, step_s: float | None, share: float) -> Flo
     """
     rows, frames = recording.motion.t_s, np.unique(recording.points.t_s)
     if step_s is not None:
-        last = max(frames[-1], rows[0] + step_s)
-        return np.asarray(rows[0] + step_s * np.arange(np.ceil((last - rows[0]) / step_s - 1e-9) + 1))
+        # a rope that nobody holds begins where the first frame saw it, and moves from there
+        released = recording.ends.start == recording.ends.end == "free"
+        begin = frames[0] + step_s if released else rows[0]
+        last = max(frames[-1], begin + step_s)
+        return np.asarray(begin + step_s * np.arange(np.ceil((last - begin) / step_s - 1e-9) + 1))
     times = [rows[:1], frames]
     keep = rows[rows <= frames[-1]]
     parts = np.ceil(_ways(interpolate_motion(recording.motion, keep)) / share).astype(int)

@@ -12,6 +12,7 @@ from dlolib.errors import ParameterError
 from dlolib.sim import shapes
 from dlolib.sim.effects import JOINT_WIDTH, applied, check, parameter
 from dlolib.sim.effects.base import Setup, particle_lengths
+from dlolib.sim.profile import Profile, mean_compliance
 from dlolib.sim.scene import DRAG, INERTIA, LENGTH, LOAD, REST, STIFFNESS, UNIFORM, Scene, contact_points
 from dlolib.types import Ends, Floats, Obstacle, Rope
 
@@ -33,6 +34,8 @@ class Rod:
         torsional_stiffness: GJ [N m^2].
         effects: further physics, `<effect>.<parameter>` to value (see `dlolib.sim.effects`).
         particles: n, the number of particles.
+        profile: stiffnesses as arrays along the rope. A changed EI or GJ scales its array; laws that refer to
+            the rope's uniform EI take `bending_stiffness`.
     """
 
     rope: Rope
@@ -40,6 +43,7 @@ class Rod:
     torsional_stiffness: float
     effects: Mapping[str, float] = field(default_factory=lambda: NOTHING)
     particles: int = 30
+    profile: Profile = field(default_factory=Profile)
 
     def __post_init__(self) -> None:
         for name, value in (
@@ -50,6 +54,9 @@ class Rod:
         ):
             if not (np.isfinite(value) and value > 0):
                 raise ParameterError(f"{name} = {value:g} is not a positive number", mend="give one above 0")
+        for name, value in (("diameter_m", 2 * self.rope.radius_m), ("tip_mass_kg", self.rope.tip_mass_kg)):
+            if not (np.isfinite(value) and value >= 0):
+                raise ParameterError(f"{name} = {value:g} is out of range", mend="give 0 or more")
         if self.particles < 3:
             raise ParameterError(f"particles = {self.particles}", mend="a rod needs 3 or more")
         for name, value in self.effects.items():
@@ -72,7 +79,8 @@ class Rod:
         effects = {name: float(value) for name, value in values.items() if name not in STIFFNESSES}
         ei = float(values.get("bending_stiffness", self.bending_stiffness))
         gj = float(values.get("torsional_stiffness", self.torsional_stiffness))
-        return Rod(self.rope, ei, gj, {**self.effects, **effects}, self.particles)
+        profile = self.profile.scaled(ei / self.bending_stiffness, gj / self.torsional_stiffness)
+        return Rod(self.rope, ei, gj, {**self.effects, **effects}, self.particles, profile)
 
     def value(self, name: str) -> float:
         """The parameter of that name; neutral where the rod has no such effect."""
@@ -108,8 +116,6 @@ def setup(
     """
     n, length = rod.particles, rod.rope.length_m
     clamped = np.array([ends.start == "clamped", ends.end == "clamped"])
-    if not clamped.any():
-        raise ParameterError("both ends are free", mend="hold one: a free rope has no place to be")
     gravity = np.asarray(gravity_m_s2, float)
     share = particle_lengths(length, n)
     weight = rod.linear_density * share
@@ -120,11 +126,16 @@ def setup(
     axial, contact = _penalties(rod, gravity)
     segments = np.full((n - 1, 4), axial)
     segments[:, 0] = length / (n - 1)
+    arc = np.linspace(0, length, n)
+    for values, columns in ((rod.profile.shear, slice(1, 3)), (rod.profile.axial, slice(3, 4))):
+        if values is not None:
+            own = mean_compliance(values, length, arc[:-1], arc[1:])[:, None]
+            segments[:, columns] = 1.0 / (1.0 / segments[:, columns] + own)
     contacts = np.empty((contact_points(n), 2))
     contacts[:, 0] = contact * particle_lengths(length, len(contacts))
     contacts[:, 1] = rod.rope.radius_m
     made = Setup(
-        rope=rod.rope, ends=ends, gravity_m_s2=gravity, arc_m=np.linspace(0, length, n),
+        rope=rod.rope, ends=ends, gravity_m_s2=gravity, arc_m=arc,
         joints=_joints(rod, ends, clamped), segments=segments, particles=particles, contacts=contacts,
         obstacles=shapes.pack(obstacles) if obstacles else np.zeros((0, shapes.WIDTH)),
         grips=np.zeros((2, 3)), weight=weight, moving=moving,
@@ -136,6 +147,15 @@ def _joints(rod: Rod, ends: Ends, clamped: np.ndarray) -> Floats:
     n = rod.particles
     joints = np.zeros((n, JOINT_WIDTH))
     joints[:, STIFFNESS:REST] = (rod.bending_stiffness, rod.bending_stiffness, rod.torsional_stiffness)
+    length = rod.rope.length_m
+    middles = (np.arange(n - 1) + 0.5) * length / (n - 1)
+    low, high = np.append(0.0, middles), np.append(middles, length)
+    for values, columns in (
+        (rod.profile.bending, slice(STIFFNESS, STIFFNESS + 2)),
+        (rod.profile.torsional, slice(STIFFNESS + 2, REST)),
+    ):
+        if values is not None:
+            joints[:, columns] = 1.0 / mean_compliance(values, length, low, high)[:, None]
     joints[[0, -1], STIFFNESS:REST] *= clamped[:, None]
     # an unmeasured roll carries next to no twist
     joints[0, REST - 1] *= 1.0 if ends.start_roll_known else FREE_ROLL
@@ -154,7 +174,8 @@ def _penalties(rod: Rod, gravity: Floats) -> tuple[float, float]:
     """Axial stiffness of an inextensible rope [N], and contact stiffness a length [N/m^2]."""
     length, weight = rod.rope.length_m, float(np.linalg.norm(gravity))
     # in powers of ten, so that it does not vary with the stiffness that a fit moves in
-    bend = 10.0 ** np.ceil(np.log10(rod.bending_stiffness / length**2))
+    stiffest = max(rod.bending_stiffness, *(rod.profile.bending or (0.0,)))
+    bend = 10.0 ** np.ceil(np.log10(stiffest / length**2))
     load = rod.linear_density * max(weight, 9.81) * length + rod.rope.tip_mass_kg * weight + bend
     return float(load / WEIGHT_STRAIN), float(load / length * CONTACT_OVER_LOAD_1_M)
 
@@ -179,4 +200,4 @@ def scene(rods: Sequence[Rod], gravity_m_s2: Floats, ends: Ends, obstacles: Sequ
     return scene_of([setup(rod, gravity_m_s2, ends, obstacles, moving=True) for rod in rods])
 
 
-__all__ = ["DRAG", "Rod", "Scene", "particle_lengths", "scene", "scene_of", "setup", "unit_of"]
+__all__ = ["DRAG", "Profile", "Rod", "Scene", "particle_lengths", "scene", "scene_of", "setup", "unit_of"]

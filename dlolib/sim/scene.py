@@ -10,8 +10,9 @@ import numpy as np
 from dlolib.types import Floats
 
 # Columns of `Scene.joints`: stiffness EI1, EI2, GJ [N m^2]; curvatures and twist at rest [1/m]; length [m];
-# the rope's uniform EI [N m^2], which some laws refer to; then the parameters of the laws.
-STIFFNESS, REST, LENGTH, UNIFORM, LAWS = 0, 3, 6, 7, 8
+# the rope's uniform EI [N m^2], which some laws refer to; the curvatures [1/m] that it had before its first
+# shape; then the parameters of the laws.
+STIFFNESS, REST, LENGTH, UNIFORM, PRIOR, LAWS = 0, 3, 6, 7, 8, 10
 # Columns of `Scene.particles`: inertial mass [kg], drag [N s/m], load [N].
 INERTIA, DRAG, LOAD = 0, 1, 2
 # The column of `Scene.obstacles` with the coefficient of friction; a shape's own values end before it.
@@ -60,6 +61,11 @@ class Scene:
             self.grips,
             self.clamped,
         )
+
+    def of(self, rope: int) -> Scene:
+        """One rope of the batch."""
+        own = [part[[rope]] for part in self.arrays()]
+        return Scene(own[0], own[1], own[2], own[3], own[4], own[5], own[6], self.symmetric)
 
     @staticmethod
     def stack(scenes: Sequence[Scene]) -> Scene:

@@ -21,6 +21,11 @@ TOLERANCE = 1e-8
 MOST_ITERATIONS = 1000
 # Parameters whose sides are looked at in one launch: a launch costs as much as the forces of some 100 steps.
 TOGETHER = 8
+# Damped motion to an equilibrium: steps of one length, the first and last length [s], and how often at most.
+RELAXING, RELAXING_S, MOST_RELAXING = 5, (0.01, 10.0), 150
+# A rope that is held this share longer than it is would tear; one that may stretch, this many times further
+# than under its own weight.
+TORN, TORN_OVER_WEIGHT = 0.05, 30.0
 
 
 @dataclass(frozen=True)
@@ -59,12 +64,27 @@ class Path:
     dt_s: Floats | None = None
     span: Floats | None = None
 
+    def still(self, steps: int) -> Path:
+        """So many steps at the first pose."""
+        x, q = (np.repeat(part[:, :1], steps, axis=1) for part in (self.x, self.q))
+        return Path(x, q, span=None if self.span is None else np.repeat(self.span[:, :1], steps + 1, axis=1))
+
+    def of(self, rope: int, begin: int) -> Path:
+        """One rope's, from a step on."""
+        x, q, dt_s, span = (
+            None if part is None else part[rope : rope + 1, begin:]
+            for part in (self.x, self.q, self.dt_s, self.span)
+        )
+        assert x is not None and q is not None
+        return Path(x, q, dt_s, span)
+
 
 @dataclass(frozen=True)
 class Clock:
     """How time passes: `step_s` None is quasi-static; `momentum` 0 lets every step start at rest.
 
-    `fresh`: the laws see every step's rope come from being straight, at once: so a first shape is found.
+    `fresh`: the laws see every step's rope come from being straight, or from what it once was, at once: so a
+    first shape is found.
     """
 
     step_s: float | None = None
@@ -162,9 +182,57 @@ class Gradient:
 def roll_out(scene: Scene, state: State, path: Path, clock: Clock) -> Rollout:
     """Move the held ends along the path.
 
+    Where Newton's method does not follow a quasi-static rope without history, because it snaps to another
+    shape, the rope goes there by damped motion.
+
     Raises:
-        SimulationError: a step could not be solved; names the rope, the step and why.
+        SimulationError: a step could not be solved; names the rope, the step and why. Or no end is held, and
+            no time passes. Or the ends are held so that the rope would tear.
     """
+    if clock.step_s is None and not scene.clamped.any(axis=1).all():
+        raise SimulationError(
+            "no end is held, and a quasi-static rope would fall for ever",
+            mend="hold an end, or simulate it dynamically",
+        )
+    rollout, status = _launch(scene, state, path, clock)
+    forgets = scene.symmetric and not scene.joints[..., FIRST_LAW:].any()
+    if status.any() and clock == Clock(None) and forgets:
+        for rope in np.flatnonzero(status.any(axis=1)):
+            _snap(rollout, status, int(rope))
+    _refuse(status)
+    _refuse_torn(rollout)
+    return rollout
+
+
+def relax(scene: Scene, state: State, path: Path, fresh: bool = False) -> Rollout:
+    """Equilibrium of B ropes at the path's first pose: damped motion in steps that grow while they can be
+    solved, and the quasi-static step that ends it.
+
+    Raises:
+        SimulationError: they do not come to rest.
+    """
+    step_s = RELAXING_S[0]
+    for _ in range(MOST_RELAXING):
+        clock = Clock(step_s, momentum=0.0, fresh=fresh)
+        moved, status = _launch(scene, state, path.still(RELAXING), clock)
+        if status.any():
+            step_s /= 4
+            continue
+        state = moved.final
+        step_s *= 1.5
+        if step_s > RELAXING_S[1]:
+            rest, status = _launch(scene, state, path.still(1), Clock(None, fresh=fresh))
+            if not status.any():
+                return rest
+            step_s = 0.1 * RELAXING_S[1]
+    raise SimulationError(
+        f"rope {np.argwhere(status)[0][0]} does not come to rest",
+        mend="check its stiffness and how it is held",
+    )
+
+
+def _launch(scene: Scene, state: State, path: Path, clock: Clock) -> tuple[Rollout, np.ndarray]:
+    """The kernel's roll-out, and what became of every step (B, T)."""
     ropes, n = state.x.shape[:2]
     count = path.x.shape[1]
     x, q = np.empty((ropes, count + 1, n, 3)), np.empty((ropes, count + 1, n + 1, 4))
@@ -184,8 +252,29 @@ def roll_out(scene: Scene, state: State, path: Path, clock: Clock) -> Rollout:
         _columns(ropes, 2, n), np.zeros((ropes, 7, contact_points(n))), np.empty((ropes, n, 3)),
         np.empty((ropes, n + 1, 4)), status, iterations,
     )  # fmt: skip
-    _refuse(status)
-    return Rollout(scene, clock, path, before, x, q, past, slip, sliding, iterations)
+    return Rollout(scene, clock, path, before, x, q, past, slip, sliding, iterations), status
+
+
+def _snap(rollout: Rollout, status: np.ndarray, rope: int) -> None:
+    """Mend in place the steps of one rope that were not solved: each by damped motion, then on from there."""
+    alone = rollout.scene.of(rope)
+    while status[rope].any():
+        step = int(np.argmax(status[rope] != 0))
+        held = rollout.path.of(rope, step)
+        x, q = rollout.x[[rope], step], rollout.q[[rope], step]
+        # the span's first entry is that of the state before the step
+        there = held if held.span is None else replace(held, span=held.span[:, 1:])
+        try:
+            rest = relax(alone, State(x, x.copy(), q), there)
+        except SimulationError:
+            return
+        rollout.x[rope, step + 1], rollout.q[rope, step + 1] = rest.x[0, 1], rest.q[0, 1]
+        after, status[rope, step + 1 :] = _launch(
+            alone, rest.final.at_rest(), rollout.path.of(rope, step + 1), rollout.clock
+        )
+        status[rope, step] = 0
+        rollout.x[rope, step + 2 :], rollout.q[rope, step + 2 :] = after.x[0, 1:], after.q[0, 1:]
+        rollout.iterations[rope, step + 1 :] = after.iterations[0]
 
 
 def gradient(
@@ -373,3 +462,29 @@ def _refuse(status: np.ndarray) -> None:
         f"rope {rope}, step {step + 1}: {why}",
         mend="move the ends in smaller steps, or check stiffness and length",
     )
+
+
+def _refuse_torn(rollout: Rollout) -> None:
+    """Refuse a rope that is held longer than it can be, by its ends or round an obstacle."""
+    scene, path = rollout.scene, rollout.path
+    if not scene.clamped.all() or path.x.shape[1] == 0:
+        return
+    weight = np.linalg.norm(scene.force, axis=2).sum(axis=1)
+    most = TORN + TORN_OVER_WEIGHT * weight / scene.segments[..., 3].min(axis=1)
+    span = 1.0 if path.span is None else path.span[:, 1:]
+    over = (
+        np.linalg.norm(path.x[:, :, 1] - path.x[:, :, 0], axis=2)
+        / scene.segment_l.sum(axis=1)[:, None]
+        / span
+    )
+    if scene.obstacles.shape[1]:
+        pieces = np.linalg.norm(np.diff(rollout.x[:, 1:], axis=2), axis=3) / scene.segment_l[:, None]
+        over = np.maximum(over, pieces.max(axis=2) / span)
+    torn = over - 1 > most[:, None]
+    if torn.any():
+        rope, step = np.argwhere(torn)[0]
+        raise SimulationError(
+            f"rope {rope}, step {step + 1}: held {100 * (over[rope, step] - 1):.0f} % longer than it is, "
+            "it would tear",
+            mend="bring the ends nearer to each other, check the length, or give axial_stretch",
+        )

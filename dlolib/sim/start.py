@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from dlolib.errors import SimulationError
 from dlolib.sim.scene import Scene
-from dlolib.sim.simulate import Clock, Path, Rollout, State, roll_out
+from dlolib.sim.simulate import Clock, Path, Rollout, State, relax, roll_out
 from dlolib.types import Ends, Floats, Pose
 
 SAMPLES = 2001
@@ -19,15 +20,26 @@ SETTLING = ((30, 0.03), (10, 0.3))
 def settle(scene: Scene, state: State, ends: Path) -> Rollout:
     """Equilibrium of B ropes whose ends stand at the path's first step, found by damped motion.
 
-    The laws see each rope come from being straight, at once.
+    The laws see each rope come from being straight, or from what `prior_history` says, at once.
+
+    Raises:
+        SimulationError: no equilibrium was found.
     """
-    span = None if ends.span is None else ends.span[:, :1]
-    for steps, step_s in SETTLING:
-        x, q = (np.repeat(part[:, :1], steps, axis=1) for part in (ends.x, ends.q))
-        still = Path(x, q, span=None if span is None else np.repeat(span, steps + 1, axis=1))
-        state = roll_out(scene, state, still, Clock(step_s, momentum=0.0, fresh=True)).final
-    last = Path(ends.x[:, :1], ends.q[:, :1], span=None if span is None else np.repeat(span, 2, axis=1))
-    return roll_out(scene, state, last, Clock(None, fresh=True))
+    try:
+        now = state
+        for steps, step_s in SETTLING:
+            now = roll_out(scene, now, ends.still(steps), Clock(step_s, momentum=0.0, fresh=True)).final
+        return roll_out(scene, now, ends.still(1), Clock(None, fresh=True))
+    except SimulationError:
+        pass
+    # a soft rope that hangs far below its first shape, or one that lies on something, takes more care
+    try:
+        return relax(scene, state, ends, fresh=True)
+    except SimulationError as error:
+        raise SimulationError(
+            f"before the first step: {error.problem}",
+            mend="begin at a pose that leaves the rope slack and clear of obstacles, or check its stiffness",
+        ) from None
 
 
 def first_shape(
@@ -45,7 +57,7 @@ def first_shape(
         One rope at rest: x (1, n, 3), q (1, n + 1, 4).
 
     Raises:
-        SimulationError: the held ends are further apart than the rope is long.
+        SimulationError: the held ends are further apart than the rope is long, or none is held.
     """
     if start is not None and end is not None:
         points = _curve(length_m, particles, start, end, np.asarray(gravity_m_s2, float))
@@ -54,7 +66,7 @@ def first_shape(
     elif end is not None:
         points = end.position_m + np.linspace(-length_m, 0, particles)[:, None] * _axes(end)[:, 2]
     else:
-        raise SimulationError("both ends are free", mend="hold one")
+        raise SimulationError("no end is held: there is no place to begin", mend="hold an end")
     frames = frames_along(points, start, end)
     return State(points[None], points[None].copy(), frames[None])
 
@@ -104,13 +116,45 @@ def _hanging(chord: Floats, gravity: Floats, aside: Floats) -> Floats:
     return np.cross(along, [0.0, 1.0, 0.0])
 
 
+def curve_through(s_m: Floats, xyz_m: Floats, nodes_m: Floats) -> Floats:
+    """Smooth curve through points (P, 3) [m] seen at arc lengths s_m, at other arc lengths (n,): (n, 3)."""
+    order = np.argsort(s_m)
+    return np.asarray(CubicSpline(s_m[order], xyz_m[order], bc_type="natural")(nodes_m))
+
+
+def released(s_m: Floats, xyz_m: Floats, segments_m: Floats) -> State:
+    """A rope that nobody holds, at rest where its points (P, 3) [m] at arc lengths s_m were seen.
+
+    Its segments have their own lengths (n - 1,) [m], along the directions of a curve through the points.
+
+    Raises:
+        SimulationError: fewer than two points were seen.
+    """
+    if len(s_m) < 2:
+        raise SimulationError(
+            f"no end is held and the first frame has {len(s_m)} point: there is no shape to begin with",
+            mend="begin with a frame of two points or more",
+        )
+    nodes = np.concatenate([[0.0], np.cumsum(segments_m)])
+    steps = np.diff(curve_through(s_m, xyz_m, nodes), axis=0)
+    steps *= segments_m[:, None] / np.linalg.norm(steps, axis=1, keepdims=True)
+    x = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+    x += (xyz_m - np.stack([np.interp(s_m, nodes, x[:, k]) for k in range(3)], axis=1)).mean(axis=0)
+    return State(x[None], x[None].copy(), frames_along(x, None, None)[None])
+
+
 def frames_along(points: Floats, start: Pose | None, end: Pose | None) -> Floats:
-    """Frames of wall, segments and grasp (n + 1, 4): transported along the points, twist spread evenly."""
+    """Frames of wall, segments and grasp (n + 1, 4): transported along the points, twist spread evenly.
+
+    Where neither is held the first frame is any along the first segment.
+    """
     tangents = np.diff(points, axis=0)
     tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
     held = start if start is not None else end
-    assert held is not None
-    frame = Rotation.from_quat(held.quaternion, scalar_first=True)
+    if held is None:
+        frame = _turned_onto(Rotation.identity(), tangents[0])
+    else:
+        frame = Rotation.from_quat(held.quaternion, scalar_first=True)
     frames = [frame]
     for tangent in tangents:
         frame = _turned_onto(frame, tangent)

@@ -103,7 +103,12 @@ RECORDING: list[tuple[Spoil, str]] = [
     (cell("points.csv", 5, "z_m", "low"), "points.csv: line 5, column z_m: 'low' in a number's place"),
     (cell("points.csv", 12, "t_s", "-1"), "points.csv: line 12, column t_s: t_s falls"),
     (key("recording.json", "object.length_m", "long"), "recording.json: object.length_m: Input should be"),
-    (key("recording.json", "obstacles.0.shape", "torus"), "valid are cylinder, sphere, plane, box"),
+    (
+        key("recording.json", "obstacles.0.center_m", [0.01, 0, 0]),
+        "motion.csv: line 2: the clamped start is 20.0 mm inside obstacle 0 (cylinder) at t_s = 0; move",
+    ),
+    (key("recording.json", "object.length_m", 0), "object.length_m: Input should be greater than 0"),
+    (key("recording.json", "obstacles.0.shape", "torus"), "valid are cylinder, sphere, plane, box, capsule"),
 ]
 LAYOUT: list[tuple[Spoil, str]] = [
     (shutil.rmtree, "bad: no such folder"),
@@ -112,6 +117,7 @@ LAYOUT: list[tuple[Spoil, str]] = [
     (millimetres("goal.csv"), "divide by 1000"),
     (key("layout.json", "object.length_m", 0.42), "goal.csv: line 13: the goal is longer than the rope"),
     (key("layout.json", "obstacles.0.center_m", [0.2, 0, -0.07]), "inside obstacle 0 (cylinder)"),
+    (key("layout.json", "obstacles.0.center_m", [0.01, 0, 0]), "inside obstacle 0 (cylinder)"),
     (
         key("layout.json", "grasp.quaternion", [0, 0, 0, 0]),
         "layout.json: grasp.quaternion: is a zero quaternion",

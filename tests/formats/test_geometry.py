@@ -9,6 +9,7 @@ from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from dlolib.formats import nearest_distance, signed_distance
+from dlolib.formats.geometry import DISTANCES
 from dlolib.obstacles import SHAPES
 from dlolib.types import Floats, Obstacle
 
@@ -29,6 +30,9 @@ BODIES = {
             "size_m": (0.1, 0.06, 0.04),
         },
     ),
+    "capsule": Obstacle(
+        "capsule", {"center_m": CENTER, "axis": AXIS, "radius_m": (0.04,), "height_m": (0.06,)}
+    ),
 }
 
 
@@ -40,6 +44,7 @@ def inside(shape: str, points: Floats) -> np.ndarray[tuple[int], np.dtype[np.boo
         "cylinder": (np.hypot(x, y) < 0.05) & (abs(z) < 0.03),
         "plane": z < 0,
         "box": (abs(x) < 0.05) & (abs(y) < 0.03) & (abs(z) < 0.02),
+        "capsule": np.hypot(np.hypot(x, y), np.maximum(abs(z) - 0.03, 0)) < 0.04,
     }[shape]
 
 
@@ -70,6 +75,9 @@ def test_sign_size_and_gradient(shape: str) -> None:
         ("box", (0, 0, 0.015), -0.005),
         ("sphere", (0.03, 0.04, 0), 0.0),
         ("plane", (5, 4, -0.2), -0.2),
+        ("capsule", (0.05, 0, 0.02), 0.01),
+        ("capsule", (0.03, 0, 0.07), 0.01),
+        ("capsule", (0, 0.02, -0.04), np.sqrt(5) / 100 - 0.04),
     ],
 )
 def test_known_distances(shape: str, offset: tuple[float, ...], expected: float) -> None:
@@ -81,6 +89,10 @@ def test_the_nearest_of_several() -> None:
     point = CENTER + TURN.apply([[0.08, 0, 0.07]])
     assert_allclose(nearest_distance([BODIES["cylinder"], BODIES["plane"]], point), [0.05])
     assert np.isinf(nearest_distance([], point)).all()
+
+
+def test_every_shape_has_a_distance() -> None:
+    assert set(DISTANCES) == set(SHAPES)
 
 
 def test_an_unknown_shape() -> None:

@@ -127,7 +127,11 @@ def refused(folder: Path, name: str) -> str:
         ("heldout_frames", [1], "heldout_frames"),
         ("position_noise_m", -0.001, "position_noise_m: Input should be greater than or equal to 0"),
         ("camera", {"world_from_camera": [[1, 0], [0, 1]]}, "camera.world_from_camera: is no 4 x 4"),
-        ("obstacles.0.shape", "torus", "unknown shape 'torus'; valid are cylinder, sphere, plane, box"),
+        (
+            "obstacles.0.shape",
+            "torus",
+            "unknown shape 'torus'; valid are cylinder, sphere, plane, box",
+        ),
         ("obstacles.0.radius_m", -0.03, "radius_m = -0.03 is not positive"),
         ("obstacles.0.center_m", [200, 0, 150], "looks like millimetres"),
         ("obstacles.0.axis", [0, 0, 0], "axis is zero; give a direction"),

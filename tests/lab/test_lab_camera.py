@@ -5,9 +5,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dlolib.formats import signed_distance
 from dlolib.lab.arc import ALONG_X
 from dlolib.lab.camera import Sensor, default_camera, render
-from dlolib.lab.scene import build_scene
+from dlolib.lab.rope import GEOMS
+from dlolib.lab.scene import MESHES, build_scene
+from dlolib.obstacles import SHAPES
 from dlolib.types import Floats, Obstacle, Pose
 
 EXACT = Sensor(noise_m=0.0, edge_loss=0.0)
@@ -55,6 +58,25 @@ def test_the_rope_is_as_wide_as_it_should_be_and_the_rest_is_dark() -> None:
     top = int(row[1]), int(column[1])
     assert abs(depth[top] / 1000 - axis[1]) < 1e-3
     assert color[top].max() < 80
+
+
+def test_every_obstacle_is_seen_where_its_surface_is() -> None:
+    assert set(MESHES) == set(SHAPES) - {"plane"} and set(GEOMS) == set(SHAPES)
+    values = {
+        "center_m": (0.2, 0.01, -0.1),
+        "axis": (0.3, 1.0, 0.2),
+        "radius_m": (0.02,),
+        "height_m": (0.03,),
+        "quaternion": (0.9, 0.1, 0.2, 0.3),
+        "size_m": (0.04, 0.02, 0.03),
+    }
+    for shape, mesh_of in MESHES.items():
+        obstacle = Obstacle(shape, {name: values[name] for name in SHAPES[shape]})
+        mesh, turn = mesh_of({name: np.array(value) for name, value in obstacle.values.items()})
+        corners = np.asarray(mesh.rotate(turn, center=(0, 0, 0)).translate(values["center_m"]).vertices)
+        off = signed_distance(obstacle, corners)
+        # a cylinder's end sections have a vertex in their middle, and half spheres one inside the capsule
+        assert off.max() < 1e-9 and np.quantile(off, 0.9) > -1e-9 and np.ptp(corners, axis=0).min() > 0.02
 
 
 def test_edges_mix_near_and_far_and_lose_readings() -> None:

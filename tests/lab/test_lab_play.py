@@ -150,6 +150,7 @@ def test_clearance_counts_between_the_samples() -> None:
             "box",
             {"center_m": (0.18, 0.0, -0.15), "quaternion": (1.0, 0.0, 0.0, 0.0), "size_m": (0.06,) * 3},
         ),
+        replace(cylinder(0.18, -0.15), shape="capsule"),
     ],
     ids=lambda one: one.shape,
 )

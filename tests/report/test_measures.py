@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
 
-from dlolib.report.drawing import ribbon, silhouette
+from dlolib.obstacles import SHAPES
+from dlolib.report.drawing import OUTLINES, ribbon, silhouette
 from dlolib.report.headline import clear
 from dlolib.report.measures import by_arc_length, chain_error, nearest_on_axis, normal_residual
 from dlolib.report.paper import stiffness_n_m2
@@ -92,6 +95,9 @@ def test_silhouettes() -> None:
     assert seen is not None and np.ptp(seen, axis=0) == pytest.approx([0.1, 0.3])
     sphere = silhouette(Obstacle("sphere", {"center_m": (0.0, 0.0, 1.0), "radius_m": (0.05,)}), "x-z")
     assert sphere is not None and sphere[:, 1].max() == pytest.approx(1.05)
+    capsule = silhouette(replace(cylinder, shape="capsule"), "x-y")
+    assert capsule is not None and np.ptp(capsule, axis=0) == pytest.approx([0.06, 0.12], rel=2e-3)
+    assert set(OUTLINES) == set(SHAPES) - {"plane"}
     assert silhouette(Obstacle("plane", {"point_m": (0, 0, 0), "normal": (0, 1, 0)}), "x-z") is None
 
 

@@ -1,7 +1,7 @@
 """Every effect of the library: neutral to the last bit, differentiated right, forwards and backwards."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,7 @@ from dlolib.sim import simulate
 from dlolib.sim.effects import EFFECTS, named
 from dlolib.sim.recording import RecordingModel, sides_of
 from dlolib.sim.rod import Rod, scene_of
-from dlolib.sim.simulate import Case, Clock, Variation, gradient, roll_out, sensitivities
+from dlolib.sim.simulate import Case, Clock, Cotangent, Variation, gradient, roll_out, sensitivities
 from dlolib.types import Ends, Floats, Motion, Obstacle, Points, Recording
 
 PARTICLES, SEEN = 14, 5
@@ -22,13 +22,16 @@ TABLE = Obstacle("plane", {"point_m": (0.0, 0.0, -0.085), "normal": (0.0, 0.1, 1
 
 @dataclass(frozen=True)
 class Try:
-    """An effect at a size that shows, and the parameters that are differentiated there."""
+    """An effect at a size that shows, the parameters that are differentiated there, and what is there too."""
 
     values: Mapping[str, float]
     also: tuple[str, ...] = ("bending_stiffness",)
     table: bool = False
+    beside: Mapping[str, float] = field(default_factory=dict)
 
 
+YIELDING = {"plastic_bending.yield_curvature": 6.0, "plastic_bending.hardening_ratio": 0.2}
+RUBBING = {"internal_friction.saturation_curvature": 1.0, "internal_friction.transition_curvature": 2.0}
 TRIES = {
     "rest_curvature": Try({"kappa_1": 0.5, "kappa_2": -1.0}),
     "plastic_bending": Try({"yield_curvature": 3.0, "hardening_ratio": 0.2}, ("end_twist.end",)),
@@ -39,6 +42,11 @@ TRIES = {
     "nonlinear_bending": Try({"cubic": -0.003}, ("bending_stiffness", "anisotropic_bending.stiffness_ratio")),
     # softer about the second axis the rope would buckle sideways, and have no derivative there
     "anisotropic_bending": Try({"stiffness_ratio": 1.5}),
+    "prior_history": Try(
+        {"kappa_1": 2.0, "kappa_2": 9.0},
+        ("bending_stiffness", *YIELDING, *RUBBING),
+        beside={**YIELDING, **RUBBING},
+    ),
     "stiffness_profile": Try({"s": 0.2, "factor": 0.5, "width": 0.04}),
     "mass_profile": Try({"s": 0.3, "mass": 0.002, "gradient": 0.1}),
     "axial_stretch": Try({"axial_stiffness": 20.0}),
@@ -76,7 +84,7 @@ def names_of(effect: str) -> list[str]:
 
 
 def rod_with(effect: str, values: Mapping[str, float]) -> Rod:
-    return Rod(ROPE, EI, GJ, named(effect, values), PARTICLES)
+    return Rod(ROPE, EI, GJ, {**TRIES[effect].beside, **named(effect, values)}, PARTICLES)
 
 
 def test_the_table_has_every_effect() -> None:
@@ -87,7 +95,7 @@ def test_the_table_has_every_effect() -> None:
 def test_of_no_size_it_is_not_there(effect: str) -> None:
     model = RecordingModel(recording(TRIES[effect].table), PARTICLES, 0.02)
     neutral = {p.name: p.neutral for p in EFFECTS[effect].PARAMETERS}
-    without = model.predict(Rod(ROPE, EI, GJ, particles=PARTICLES)).xyz_m
+    without = model.predict(Rod(ROPE, EI, GJ, TRIES[effect].beside, PARTICLES)).xyz_m
     assert np.array_equal(model.predict(rod_with(effect, neutral)).xyz_m, without)
     assert not np.allclose(model.predict(rod_with(effect, TRIES[effect].values)).xyz_m, without, atol=1e-5)
 
@@ -137,6 +145,51 @@ def test_backwards_as_forwards(effect: str) -> None:
     out, _ = sensitivities(rollout, ways, np.arange(1, rollout.x.shape[1]))
     forwards = np.einsum("btcnk,btnk->c", out, weights[:, 1:])
     backwards = gradient(rollout, weights, variations=ways).parameter[0]
+    assert backwards == pytest.approx(forwards, rel=1e-8, abs=1e-9 * np.abs(forwards).max())
+
+
+def test_a_rope_that_remembers_nothing_has_no_prior_history() -> None:
+    model = RecordingModel(recording(), PARTICLES, 0.02)
+    prior = {"prior_history.kappa_1": 20.0, "prior_history.kappa_2": -30.0}
+    for others in ({}, {"nonlinear_bending.cubic": -0.003}, {"plastic_bending.yield_curvature": 50.0}):
+        rods = [Rod(ROPE, EI, GJ, values, PARTICLES) for values in (others, {**others, **prior})]
+        first, second = (model.predict(rod).xyz_m for rod in rods)
+        assert np.array_equal(first, second)
+
+
+def test_prior_history_is_what_bending_there_and_back_leaves() -> None:
+    """Before the first row the plastic rope's history is that of a return mapping by hand."""
+    prior, yields, hardening = 20.0, 6.0, 0.2
+    values = {"prior_history.kappa_2": prior, "plastic_bending.yield_curvature": yields}
+    model = RecordingModel(recording(), PARTICLES, 0.02)
+    rod = Rod(ROPE, EI, GJ, {**values, "plastic_bending.hardening_ratio": hardening}, PARTICLES)
+    rest = model.at_rest(rod)
+    permanent = rest.past[0, 0, :, 3 * 1 + 1]
+    assert permanent == pytest.approx((prior - yields) / (1 + hardening), rel=1e-9)
+
+
+def test_prior_history_has_an_adjoint() -> None:
+    """Of the first shape and of what the laws remember of it, all that the way there contributes."""
+    model = RecordingModel(recording(), PARTICLES, 0.02)
+    rod, names = rod_with("prior_history", TRIES["prior_history"].values), names_of("prior_history")
+    rest, times = model.at_rest(rod), model.times(model.setup(rod))[:1]
+    ways = []
+    for name in names:
+        *sides, width = sides_of(model, rod, name)
+        paths = [replace(model.path(side, times), dt_s=None) for side in sides]
+        cases = [Case(scene_of([side]), path) for side, path in zip(sides, paths, strict=True)]
+        ways.append(Variation(*cases, width))
+    rng = np.random.default_rng(2)
+    by_x, by_past = rng.normal(size=rest.x.shape), 1e-3 * rng.normal(size=rest.past[:, -1].shape)
+    by_past[:, :, 2::3] = 0.0
+    by_x[:, 0] = 0.0
+    out, tangent = sensitivities(rest, ways, np.array([1]))
+    forwards = np.einsum("bcnk,bnk->c", out[:, 0], by_x[:, 1])
+    forwards += np.einsum("bcnh,bnh->c", tangent.past, by_past)
+    none = np.zeros((1, PARTICLES, 3))
+    final = Cotangent(none, none, np.zeros((1, PARTICLES + 1, 3)), by_past, np.zeros_like(rest.slip[:, -1]))
+    backwards = gradient(rest, by_x, final, ways).parameter[0]
+    assert np.all(np.abs(forwards[:2]) > 1e-3)
     assert backwards == pytest.approx(forwards, rel=1e-8, abs=1e-9 * np.abs(forwards).max())
 
 

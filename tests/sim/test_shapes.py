@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from dlolib.formats import signed_distance
 from dlolib.obstacles import SHAPES
 from dlolib.sim import shapes
 from dlolib.sim.runtime import ti, vec3
@@ -18,12 +19,19 @@ EXAMPLES = {
     "sphere": {"center_m": (0.1, 0.0, 0.2), "radius_m": (0.03,)},
     "plane": {"point_m": (0.1, 0.0, 0.2), "normal": (0.2, 0.1, 1.0)},
     "box": {"center_m": (0.1, 0.0, 0.2), "quaternion": (0.9, 0.1, 0.2, 0.3), "size_m": (0.04, 0.06, 0.08)},
+    "capsule": {
+        "center_m": (0.1, 0.0, 0.2),
+        "axis": (0.3, 1.0, 0.1),
+        "radius_m": (0.03,),
+        "height_m": (0.06,),
+    },
 }
 INSIDE = {
     "cylinder": (0.1, 0.0, 0.2),
     "sphere": (0.1, 0.01, 0.2),
     "plane": (0.1, 0.0, 0.1),
     "box": (0.1, 0.0, 0.2),
+    "capsule": (0.11, 0.0, 0.2),
 }
 
 
@@ -57,6 +65,12 @@ def test_every_shape_of_the_formats_is_known() -> None:
 def test_negative_inside_positive_outside(shape: str) -> None:
     d, _, _ = at(shape, np.array([INSIDE[shape], (0.3, 0.2, 0.9)]))
     assert d[0] < 0 < d[1]
+
+
+@pytest.mark.parametrize("shape", EXAMPLES)
+def test_the_distance_is_that_of_the_formats(shape: str) -> None:
+    points = np.array([0.1, 0.0, 0.2]) + np.random.default_rng(3).uniform(-0.12, 0.12, (400, 3))
+    assert at(shape, points)[0] == pytest.approx(signed_distance(Obstacle(shape, EXAMPLES[shape]), points))
 
 
 @pytest.mark.parametrize("shape", EXAMPLES)

@@ -1,4 +1,5 @@
-"""The obstacles the rod knows. A new one is a file here, a line below and a line in `dlolib.obstacles`."""
+"""The obstacles the rod knows. A new one is a file here, a line below, and one in each table that
+`dlolib.obstacles` names."""
 
 from collections.abc import Sequence
 
@@ -6,10 +7,10 @@ import numpy as np
 
 from dlolib.sim.rotations import identity
 from dlolib.sim.runtime import ti, vec3
-from dlolib.sim.shapes import box, cylinder, plane, sphere
+from dlolib.sim.shapes import box, capsule, cylinder, plane, sphere
 from dlolib.types import Floats, Obstacle
 
-ALL = (cylinder, sphere, plane, box)
+ALL = (cylinder, sphere, plane, box, capsule)
 WIDTH = 16
 
 

@@ -1,0 +1,138 @@
+"""Ropes that nobody holds, or one end alone: they fall, they swing, and they stay whole."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sim.ropes import EI, GJ, GRAVITY, LEVEL, ROPE, pose
+
+from dlolib.errors import SimulationError
+from dlolib.sim import simulate
+from dlolib.sim.recording import RecordingModel
+from dlolib.sim.rod import Rod, scene
+from dlolib.sim.simulate import Clock, Path, Rollout, State, roll_out
+from dlolib.sim.start import first_shape, released
+from dlolib.types import Ends, Floats, Motion, Points, Recording
+
+FREE = Ends("free", "free")
+SIZES = (5, 12, 30, 200)
+
+
+def curl(s_m: Floats) -> Floats:
+    """An arc that leaves its plane."""
+    return np.stack([np.sin(4 * s_m) / 4, 0.05 * s_m**2, (1 - np.cos(4 * s_m)) / 4], axis=1)
+
+
+def nowhere(steps: int) -> Path:
+    return Path(np.zeros((1, steps, 2, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (1, steps, 2, 1)))
+
+
+def longest_change(rollout: Rollout) -> float:
+    lengths = np.linalg.norm(np.diff(rollout.x[0], axis=1), axis=2)
+    return float(np.abs(lengths / (ROPE.length_m / lengths.shape[1]) - 1).max())
+
+
+def let_go(particles: int, step_s: float, time_s: float = 0.4) -> tuple[Rollout, Floats]:
+    """A bent rope let go, and the way of its centre of mass (T + 1, 3)."""
+    made = scene([Rod(ROPE, EI, GJ, particles=particles)], GRAVITY, FREE)
+    s = np.linspace(0, ROPE.length_m, particles)
+    state = released(s, curl(s), made.segments[0, :, 0])
+    rollout = roll_out(made, state, nowhere(round(time_s / step_s)), Clock(step_s))
+    centre = np.einsum("n,tnk->tk", made.mass[0] / made.mass[0].sum(), rollout.x[0])
+    return rollout, centre - centre[0]
+
+
+@pytest.mark.parametrize("particles", SIZES)
+def test_a_free_rope_falls_as_its_centre_of_mass_does(particles: int) -> None:
+    """By g t^2 / 2; implicit Euler adds g t dt / 2 to it, exactly."""
+    rollout, centre = let_go(particles, 0.005)
+    t = 0.005 * np.arange(len(centre))
+    assert np.abs(centre - 0.5 * GRAVITY * (t * (t + 0.005))[:, None]).max() < 1e-6
+    assert longest_change(rollout) < 1e-5
+    # what is bent and let go straightens and swings
+    shape = rollout.x[0] - rollout.x[0].mean(axis=1, keepdims=True)
+    assert np.linalg.norm(shape[-1] - shape[0], axis=1).max() > 0.02
+
+
+def test_half_the_step_halves_the_error_of_the_fall() -> None:
+    misses = []
+    for step_s in (0.01, 0.005):
+        _, centre = let_go(12, step_s)
+        misses.append(abs(centre[-1, 2] + 0.5 * 9.81 * 0.4**2))
+    assert misses[0] / misses[1] == pytest.approx(2.0, rel=1e-4)
+
+
+@pytest.mark.parametrize("particles", SIZES)
+@pytest.mark.parametrize("held", ["start", "end"])
+def test_a_rope_held_at_one_end_hangs_after_it_swung(particles: int, held: str) -> None:
+    ends = Ends("clamped", "free") if held == "start" else Ends("free", "clamped")
+    rod = Rod(ROPE, EI, GJ, {"inertia_drag.inertia": 1.0, "inertia_drag.drag": 0.5}, particles)
+    made = scene([rod], GRAVITY, ends)
+    here = pose(0.0, 0.0, 0.0)
+    poses = (here, None) if held == "start" else (None, here)
+    state = first_shape(ROPE.length_m, particles, ends, *poses, GRAVITY)
+    still = Path(np.zeros((1, 400, 2, 3)), np.tile(LEVEL, (1, 400, 2, 1)))
+    rollout = roll_out(made, state, still, Clock(0.01))
+    rest = roll_out(made, rollout.final.at_rest(), Path(still.x[:, :1], still.q[:, :1]), Clock(None))
+    assert longest_change(rollout) < 5e-4
+    assert np.abs(rollout.x[0, -1] - rest.x[0, -1]).max() < 1e-3
+    tip = rest.x[0, -1, -1 if held == "start" else 0]
+    assert tip[2] < -0.3 and np.linalg.norm(tip) < ROPE.length_m
+
+
+def test_a_quasi_static_free_rope_is_refused() -> None:
+    made = scene([Rod(ROPE, EI, GJ, particles=12)], GRAVITY, FREE)
+    s = np.linspace(0, ROPE.length_m, 12)
+    with pytest.raises(SimulationError, match="no end is held.*; hold an end"):
+        roll_out(made, released(s, curl(s), made.segments[0, :, 0]), nowhere(3), Clock(None))
+    with pytest.raises(SimulationError, match="no end is held"):
+        RecordingModel(recording(quasi_static=True), 12, 0.01).predict(Rod(ROPE, EI, GJ, particles=12))
+    with pytest.raises(SimulationError, match="no end is held"):
+        first_shape(ROPE.length_m, 12, FREE, None, None, GRAVITY)
+
+
+def recording(quasi_static: bool = False) -> Recording:
+    """Four frames of a rope that falls: only the first says where it is."""
+    t_s, empty = np.linspace(0, 0.3, 4), np.full((4, 7), np.nan)
+    motion = Motion(t_s, empty[:, :3], empty[:, 3:], empty[:, :3], empty[:, 3:])
+    s = np.linspace(0.01, 0.43, 9)
+    seen = np.concatenate([curl(s), np.zeros((27, 3))])
+    points = Points(np.repeat(np.arange(4), 9), np.repeat(t_s, 9), np.tile(s, 4), seen)
+    return Recording("falls", ROPE, GRAVITY, FREE, motion, points, quasi_static=quasi_static)
+
+
+def test_a_recording_of_a_falling_rope(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It begins where it was seen; derivatives are those of the points, where the free length counts too."""
+    monkeypatch.setattr(simulate, "TOLERANCE", 1e-11)
+    model = RecordingModel(recording(), 12, 0.01)
+    rod = Rod(ROPE, EI, GJ, {"length_error.relative": 0.001, "anisotropic_bending.stiffness_ratio": 1.4}, 12)
+    names = ["bending_stiffness", "torsional_stiffness", *rod.effects]
+    found = model.predict(rod, names)
+    assert np.abs(found.xyz_m[:9] - recording().points.xyz_m[:9]).max() < 3e-3
+    fallen = np.mean(found.xyz_m[-9:] - recording().points.xyz_m[:9], axis=0)
+    assert fallen[2] == pytest.approx(-0.5 * 9.81 * 0.3 * 0.31, abs=0.02)
+    for k, name in enumerate(names):
+        h = 1e-3 * rod.value(name)
+        by = []
+        for width in (h, h / 2):
+            sides = (
+                model.predict(rod.with_values({name: rod.value(name) + d})).xyz_m for d in (width, -width)
+            )
+            by.append((next(sides) - next(sides)) / (2 * width))
+        true = (4 * by[1] - by[0]) / 3
+        off = np.linalg.norm(found.by_parameter[:, :, k] - true) / np.linalg.norm(true)
+        assert off < 1e-5, name
+
+
+def test_one_point_is_no_shape() -> None:
+    made = recording()
+    few = Points(
+        *(part[8:] for part in (made.points.frame, made.points.t_s, made.points.s_m, made.points.xyz_m))
+    )
+    with pytest.raises(SimulationError, match="first frame has 1 point"):
+        RecordingModel(replace(made, points=few), 12, 0.01).predict(Rod(ROPE, EI, GJ, particles=12))
+
+
+def test_a_state_of_one_frame_is_the_first() -> None:
+    rest = RecordingModel(recording(), 12, 0.01).at_rest(Rod(ROPE, EI, GJ, particles=12))
+    assert isinstance(rest.final, State) and rest.x.shape[1] == 1
