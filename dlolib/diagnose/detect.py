@@ -35,7 +35,7 @@ def asked(study: Study, without: tuple[str, ...]) -> list[Size]:
     found = []
     contact = any(one.recording.obstacles for one in study.seen)
     for name, effect in EFFECTS.items():
-        if name in without or (name == "contact_friction" and not contact):
+        if name in (*without, "prior_history") or (name == "contact_friction" and not contact):
             continue
         for part in sizes(effect):
             form = next(f for f in forms(effect) if part in f)

@@ -121,8 +121,7 @@ def _partners(study: Study, single: Fitted, settings: DiagnoseSettings, run: Run
     have = terms_of(single)
     tasks = [
         _task(study, single, have, name, form, hints, settings.starts)
-        for name, form in library(study, settings.without)
-        if name not in have
+        for name, form in library(study, settings.without, tuple(have))
     ]
     promised = run(_promise, tasks, f"partners of {single.effects[0]}")
     penalty = np.log(study.count)

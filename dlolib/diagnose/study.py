@@ -352,12 +352,23 @@ def corrected(study: Study, values: Callable[[int], Values]) -> tuple[Floats, ..
     return tuple(offsets)
 
 
-def library(study: Study, without: Sequence[str]) -> list[tuple[str, tuple[str, ...]]]:
-    """Every effect that could act here, with each of its forms."""
+def library(
+    study: Study, without: Sequence[str], beside: Sequence[str] = ()
+) -> list[tuple[str, tuple[str, ...]]]:
+    """Every effect that could act here, with each of its forms; `beside` others that act already."""
     contact = any(one.recording.obstacles for one in study.seen)
+    remembers = any(getattr(EFFECTS[name], "REMEMBERS", False) for name in beside)
+    unknown = any(_begins_unseen(one.recording) for one in study.seen)
     found = []
     for name, effect in EFFECTS.items():
-        if name in without or (name == "contact_friction" and not contact):
+        if name in (*without, *beside) or (name == "contact_friction" and not contact):
+            continue
+        if name == "prior_history" and not (remembers and unknown):
             continue
         found += [(name, form) for form in forms(effect)]
     return found
+
+
+def _begins_unseen(recording: Recording) -> bool:
+    """Whether the motion is known from the first frame on alone, so that what came before it is not."""
+    return bool(recording.motion.t_s[0] >= recording.points.t_s.min())

@@ -22,7 +22,7 @@ MOST_ITERATIONS = 1000
 # Parameters whose sides are looked at in one launch: a launch costs as much as the forces of some 100 steps.
 TOGETHER = 8
 # Damped motion to an equilibrium: steps of one length, the first and last length [s], and how often at most.
-RELAXING, RELAXING_S, MOST_RELAXING = 5, (0.01, 10.0), 150
+RELAXING, RELAXING_S, MOST_RELAXING = 5, (0.01, 10.0), 40
 # A rope that is held this share longer than it is would tear; one that may stretch, this many times further
 # than under its own weight.
 TORN, TORN_OVER_WEIGHT = 0.05, 30.0
@@ -226,7 +226,7 @@ def relax(scene: Scene, state: State, path: Path, fresh: bool = False) -> Rollou
                 return rest
             step_s = 0.1 * RELAXING_S[1]
     raise SimulationError(
-        f"rope {np.argwhere(status)[0][0]} does not come to rest",
+        f"rope {int(np.argmax(status.any(axis=1)))} does not come to rest",
         mend="check its stiffness and how it is held",
     )
 
