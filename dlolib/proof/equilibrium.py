@@ -1,0 +1,185 @@
+"""Equilibrium of the chain at one pose of its gripper, by Newton's method on its hinge angles.
+
+The limit of infinitely slow motion of MuJoCo's own chain: its bodies, hinges and anchors, the springs'
+moments and the weights in balance with the force and moment at the gripper. With masses and drag it is one
+implicit step in time (BDF2), which is the chain's dynamics.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import lapack
+from scipy.spatial.transform import Rotation
+
+from dlolib.errors import SimulationError
+from dlolib.proof.chain import Chain, turn_between
+from dlolib.proof.contact import Contact
+from dlolib.proof.laws import Law
+from dlolib.types import Floats
+
+ITERATIONS, MOST_TURN_RAD = 40, 0.25
+NEAR_M, BALANCE_N_M = 1e-8, 1e-9
+HALVINGS = 6
+
+
+@dataclass(frozen=True)
+class Springs:
+    """What resists besides the laws of bending.
+
+    torsion: GJ (N + 1,) [N m²]; axial: EA [N], infinite where the rope does not stretch; clamps: (4,) of
+    the start's and the end's two hinges [N m/rad], or none.
+    """
+
+    torsion: Floats
+    axial: float
+    clamps: Floats
+
+
+@dataclass(frozen=True)
+class Drift:
+    """Inertia and drag over one step: at every vertex rate * x - drift is the force that is missing.
+
+    rate (N + 1, 1) [N/m], drift (N + 1, 3) [N].
+    """
+
+    rate: Floats
+    drift: Floats
+
+
+class Equilibrium:
+    """A chain with its laws, loads and contacts, and the state that balances them."""
+
+    def __init__(
+        self,
+        chain: Chain,
+        laws: Sequence[Law],
+        springs: Springs,
+        loads: Floats,
+        contacts: Sequence[Contact],
+        start: Floats,
+    ) -> None:
+        self.chain, self.laws, self.springs = chain, laws, springs
+        self.loads, self.contacts = loads, contacts
+        self.q, self.reaction = start, np.zeros(6)
+        self.length_m = 0.0
+
+    def lengthen(self, length_m: float) -> None:
+        """Give the free rope this length [m]."""
+        self.length_m = length_m
+        self.chain.lengthen(length_m)
+        lengths = np.full(self.chain.bodies + 1, length_m / self.chain.bodies)
+        lengths[[0, -1]] /= 2
+        self.lengths = lengths
+
+    def curvature(self, q: Floats) -> Floats:
+        """Curvatures and twist (N + 1, 3) [1/m]."""
+        return np.asarray(q[self.chain.place] / self.lengths[:, None])
+
+    def reach(self, position: Floats, turn: Floats, step_s: float, drift: Drift | None = None) -> None:
+        """Balance with the gripper at this position (3,) [m] and turn (3, 3).
+
+        Raises:
+            SimulationError: no balance was found, in however small steps.
+        """
+        before = self.q.copy(), self.reaction.copy()
+        share, size = 0.0, 1.0
+        self.chain.move(self.q)
+        first_m, first = self.chain.vertices[-1].copy(), self.chain.gripper.copy()
+        whole = -turn_between(first, turn)
+        while share < 1.0:
+            aim = min(1.0, share + size)
+            way = first_m + aim * (position - first_m)
+            if self._newton(way, turn if aim == 1.0 else _turned(whole * aim, first), step_s, drift):
+                share, before = aim, (self.q.copy(), self.reaction.copy())
+                continue
+            self.q, self.reaction = before[0].copy(), before[1].copy()
+            size /= 2
+            if size < 0.5**HALVINGS:
+                raise SimulationError("the laboratory's rope found no balance", mend="move it less")
+
+    def keep(self, step_s: float) -> None:
+        """Make the present state the laws' history."""
+        self.chain.move(self.q)
+        bend = self.curvature(self.q)[:, :2]
+        for law in self.laws:
+            law.keep(bend, step_s)
+        for contact in self.contacts:
+            contact.keep(self.chain.vertices)
+
+    def _newton(self, position: Floats, turn: Floats, step_s: float, drift: Drift | None) -> bool:
+        for _ in range(ITERATIONS):
+            self.chain.move(self.q)
+            gap = np.concatenate(
+                [self.chain.vertices[-1] - position, turn_between(self.chain.gripper, turn)]
+            )
+            residual, slopes, held = self._system(step_s, drift)
+            if np.abs(gap).max() < NEAR_M and np.abs(residual).max() < BALANCE_N_M:
+                return True
+            size = len(residual)
+            matrix = np.zeros((size + 6, size + 6), order="F")
+            matrix[:size, :size] = slopes
+            matrix[:size, size:] = -held.T
+            matrix[size:, :size] = held
+            *_, step, failed = lapack.dgesv(
+                matrix, -np.concatenate([residual, gap]), overwrite_a=True, overwrite_b=True
+            )
+            if failed or not np.isfinite(step).all():
+                return False
+            most = np.abs(step[:size]).max()
+            step *= min(1.0, MOST_TURN_RAD / most)
+            self.q = self.q + step[:size]
+            self.reaction = self.reaction + step[size:]
+        return False
+
+    def _system(self, step_s: float, drift: Drift | None) -> tuple[Floats, Floats, Floats]:
+        """Imbalance (D,) [N m], its slopes (D, D), and the gripper's Jacobian (6, D)."""
+        chain = self.chain
+        residual, slopes = self._springs(step_s)
+        forces = self.loads.copy()
+        forces[-1] += self.reaction[:3]
+        for contact in self.contacts:
+            touch = contact.touch(chain.vertices)
+            for body, share, force, slope in zip(
+                touch.body, touch.share, touch.force, touch.slope, strict=True
+            ):
+                forces[body] += (1 - share) * force
+                forces[body + 1] += share * force
+                moved = (1 - share) * chain.jacobian(body) + share * chain.jacobian(body + 1)
+                slopes -= moved.T @ slope @ moved
+        if drift is not None:
+            forces += drift.drift - drift.rate * chain.vertices
+            slopes += chain.masses(drift.rate[:, 0])
+        residual -= chain.forces(forces) + chain.turns @ self.reaction[3:]
+        slopes -= chain.force_slopes(forces) + chain.moment_slopes(self.reaction[3:])
+        return residual, slopes, np.concatenate([chain.jacobian(chain.bodies), chain.turns.T])
+
+    def _springs(self, step_s: float) -> tuple[Floats, Floats]:
+        """Moments of laws, torsion, stretch and clamps (D,), and their slopes (D, D)."""
+        chain, springs = self.chain, self.springs
+        bend = self.curvature(self.q)
+        moment, slope = np.zeros((chain.bodies + 1, 2)), np.zeros((chain.bodies + 1, 2, 2))
+        for law in self.laws:
+            more, steeper = law.moments(bend[:, :2], step_s)
+            moment, slope = moment + more, slope + steeper
+        residual, slopes = np.zeros(chain.freedoms), np.zeros((chain.freedoms, chain.freedoms))
+        place = chain.place
+        residual[place[:, :2]] = moment
+        slopes[place[:, :2, None], place[:, None, :2]] = slope / self.lengths[:, None, None]
+        residual[place[:, 2]] = springs.torsion * bend[:, 2]
+        slopes[place[:, 2], place[:, 2]] = springs.torsion / self.lengths
+        if len(chain.slides):
+            stiff = springs.axial * chain.bodies / self.length_m
+            residual[chain.slides] = stiff * self.q[chain.slides]
+            slopes[chain.slides, chain.slides] = stiff
+        if len(chain.clamps):
+            residual[chain.clamps] = springs.clamps * self.q[chain.clamps]
+            slopes[chain.clamps, chain.clamps] = springs.clamps
+        return residual, slopes
+
+
+def _turned(vector: Floats, turn: Floats) -> Floats:
+    """A turn (3, 3) turned further by a rotation vector (3,) in world axes."""
+    return np.asarray(Rotation.from_rotvec(vector).as_matrix() @ turn)
