@@ -42,7 +42,6 @@ class Chain:
         self, bodies: int, start_m: Floats, start_q: Floats, stretches: bool = False, yields: bool = False
     ) -> None:
         spec = mujoco.MjSpec()
-        mujoco.set_mju_user_warning(lambda _: None)
         body, self.bodies = spec.worldbody, bodies
         kinds: list[tuple[int, int]] = []
         for index in range(bodies + 1):
@@ -58,6 +57,7 @@ class Chain:
                 body.add_joint(
                     type=mujoco.mjtJoint.mjJNT_HINGE if hinge else mujoco.mjtJoint.mjJNT_SLIDE,
                     axis=AXES[kind % 3] if hinge else AXES[2],
+                    armature=1.0,  # or MuJoCo takes the dummies for singular
                 )
                 kinds.append((index, kind))
         self.model = spec.compile()
@@ -91,14 +91,17 @@ class Chain:
         self.vertices = self.data.xpos[1:]
         self.gripper = self.data.xmat[-1].reshape(3, 3)
 
+    def jacobians(self, body: NDArray[np.int64], points_m: Floats) -> Floats:
+        """How points (C, 3) of these bodies (C,) move with every degree of freedom, (C, D, 3)."""
+        lever = points_m[:, None] - self.anchors
+        moved = np.where(self.hinges[:, None], np.cross(self.axes, lever), self.axes)
+        moved[self.joint > body[:, None]] = 0.0
+        return np.asarray(moved)
+
     def jacobian(self, vertex: int) -> Floats:
         """How a vertex moves with every degree of freedom, (3, D)."""
-        moved = np.where(
-            self.hinges[:, None], np.cross(self.axes, self.vertices[vertex] - self.anchors), self.axes
-        )
-        moved[self.joint > vertex] = 0.0
         # The hinges of its own joint leave a vertex where it is: there the lever is zero.
-        return np.asarray(moved.T)
+        return self.jacobians(np.array([vertex]), self.vertices[vertex][None])[0].T
 
     def forces(self, at_vertices: Floats) -> Floats:
         """Generalised forces (D,) of forces at the vertices (N + 1, 3) [N]."""

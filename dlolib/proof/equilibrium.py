@@ -20,9 +20,11 @@ from dlolib.proof.contact import Contact
 from dlolib.proof.laws import Law
 from dlolib.types import Floats
 
-ITERATIONS, MOST_TURN_RAD = 40, 0.25
+ITERATIONS, MOST_TURN_RAD = 16, 0.25
 NEAR_M, BALANCE_N_M = 1e-8, 1e-9
-HALVINGS = 6
+HALVINGS, SHORTENINGS = 6, 7
+# What weighs alike when a step is judged: a moment and a distance.
+MERIT_N_M, MERIT_M = 1e-3, 1e-2
 
 
 @dataclass(frozen=True)
@@ -110,29 +112,45 @@ class Equilibrium:
             contact.keep(self.chain.vertices)
 
     def _newton(self, position: Floats, turn: Floats, step_s: float, drift: Drift | None) -> bool:
+        aim = (position, turn, step_s, drift)
+        residual, gap, matrix = self._imbalance(*aim)
         for _ in range(ITERATIONS):
-            self.chain.move(self.q)
-            gap = np.concatenate(
-                [self.chain.vertices[-1] - position, turn_between(self.chain.gripper, turn)]
-            )
-            residual, slopes, held = self._system(step_s, drift)
             if np.abs(gap).max() < NEAR_M and np.abs(residual).max() < BALANCE_N_M:
                 return True
-            size = len(residual)
-            matrix = np.zeros((size + 6, size + 6), order="F")
-            matrix[:size, :size] = slopes
-            matrix[:size, size:] = -held.T
-            matrix[size:, :size] = held
-            *_, step, failed = lapack.dgesv(
-                matrix, -np.concatenate([residual, gap]), overwrite_a=True, overwrite_b=True
-            )
+            *_, step, failed = lapack.dgesv(matrix, -np.concatenate([residual, gap]), overwrite_a=True)
             if failed or not np.isfinite(step).all():
                 return False
-            most = np.abs(step[:size]).max()
-            step *= min(1.0, MOST_TURN_RAD / most)
-            self.q = self.q + step[:size]
-            self.reaction = self.reaction + step[size:]
+            count = len(residual)
+            share = min(1.0, MOST_TURN_RAD / np.abs(step[:count]).max())
+            merit, q, reaction = self._merit(residual, gap), self.q, self.reaction
+            # Contacts come and go within a step: without contacts the whole step is taken.
+            for _ in range(SHORTENINGS):
+                self.q, self.reaction = q + share * step[:count], reaction + share * step[count:]
+                residual, gap, matrix = self._imbalance(*aim)
+                if self._merit(residual, gap) < merit or not self.contacts:
+                    break
+                share /= 2
+            else:
+                return False
         return False
+
+    def _imbalance(
+        self, position: Floats, turn: Floats, step_s: float, drift: Drift | None
+    ) -> tuple[Floats, Floats, Floats]:
+        """Imbalance (D,) [N m], gap at the gripper (6,), and the slopes of both (D + 6, D + 6)."""
+        self.chain.move(self.q)
+        gap = np.concatenate([self.chain.vertices[-1] - position, turn_between(self.chain.gripper, turn)])
+        residual, slopes, held = self._system(step_s, drift)
+        size = len(residual)
+        matrix = np.zeros((size + 6, size + 6), order="F")
+        matrix[:size, :size] = slopes
+        matrix[:size, size:] = -held.T
+        matrix[size:, :size] = held
+        return residual, gap, matrix
+
+    @staticmethod
+    def _merit(residual: Floats, gap: Floats) -> float:
+        return float(np.linalg.norm(residual) / MERIT_N_M + np.linalg.norm(gap) / MERIT_M)
 
     def _system(self, step_s: float, drift: Drift | None) -> tuple[Floats, Floats, Floats]:
         """Imbalance (D,) [N m], its slopes (D, D), and the gripper's Jacobian (6, D)."""
@@ -142,13 +160,13 @@ class Equilibrium:
         forces[-1] += self.reaction[:3]
         for contact in self.contacts:
             touch = contact.touch(chain.vertices)
-            for body, share, force, slope in zip(
-                touch.body, touch.share, touch.force, touch.slope, strict=True
-            ):
-                forces[body] += (1 - share) * force
-                forces[body + 1] += share * force
-                moved = (1 - share) * chain.jacobian(body) + share * chain.jacobian(body + 1)
-                slopes -= moved.T @ slope @ moved
+            if not len(touch.body):
+                continue
+            np.add.at(forces, touch.body, (1 - touch.share)[:, None] * touch.force)
+            np.add.at(forces, touch.body + 1, touch.share[:, None] * touch.force)
+            moved = chain.jacobians(touch.body, touch.points_m)
+            pushed = moved @ touch.slope.swapaxes(1, 2)
+            slopes -= np.tensordot(moved, pushed, axes=((0, 2), (0, 2)))
         if drift is not None:
             forces += drift.drift - drift.rate * chain.vertices
             slopes += chain.masses(drift.rate[:, 0])

@@ -55,7 +55,7 @@ def seen_times(experiment: Experiment, effects: Effects) -> Floats:
 def _rows(experiment: Experiment, effects: Effects) -> Floats:
     """Which of the motion's rows the chain must pass through [s]."""
     rows = experiment.motion.t_s
-    if REMEMBERS.isdisjoint(effects):
+    if REMEMBERS.isdisjoint(effects) and not experiment.obstacles:
         return rows[:1]
     return rows[:: FINE_STRIDE if "inertia_drag" in effects else STRIDE]
 

@@ -22,18 +22,22 @@ GRAVITY_M_S2 = (0.0, 0.0, -9.81)
 POINTS = 30
 # Three bodies between neighbouring points: the table of `make proof-calibration` says why.
 BODIES = 3 * (POINTS - 1)
-# The laws that remember, whose rows of the motion all count.
+# What remembers: the way along the motion's rows counts.
 REMEMBERS = frozenset(
     {
         "plastic_bending",
         "internal_friction",
         "viscoelastic_bending",
         "contact_friction",
+        "hidden_obstacle",
         "inertia_drag",
     }
 )
 # The soft spot's edges fall over this share of its width, by the sixth power of the distance.
 EDGE_POWER = 6
+ENDS = ("start", "end")
+# A clamp's hinge that does not give way [N m/rad].
+RIGID_N_M = 1e3
 
 
 @dataclass(frozen=True)
@@ -75,7 +79,7 @@ def build(experiment: Experiment, effects: Effects, bodies: int) -> Equilibrium:
         axial=effects.get("axial_stretch", {}).get("axial_stiffness", np.inf),
         clamps=np.zeros(0)
         if compliance is None
-        else np.repeat([compliance["start_stiffness"], compliance["end_stiffness"]], len(CLAMP)),
+        else np.repeat([compliance.get(f"{end}_stiffness", RIGID_N_M) for end in ENDS], len(CLAMP)),
     )
     balance = Equilibrium(
         chain,
