@@ -101,7 +101,7 @@ class Chain:
     def jacobian(self, vertex: int) -> Floats:
         """How a vertex moves with every degree of freedom, (3, D)."""
         # The hinges of its own joint leave a vertex where it is: there the lever is zero.
-        return self.jacobians(np.array([vertex]), self.vertices[vertex][None])[0].T
+        return np.asarray(self.jacobians(np.array([vertex]), self.vertices[vertex][None])[0].T)
 
     def forces(self, at_vertices: Floats) -> Floats:
         """Generalised forces (D,) of forces at the vertices (N + 1, 3) [N]."""

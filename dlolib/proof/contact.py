@@ -14,7 +14,8 @@ from dlolib.types import Floats, Ints, Obstacle
 # how deep it is [N/m²], and growing smoothly from nothing over a few times 0.05 mm. 0.01 N on 2.5 mm of
 # rope enter 0.08 mm. Harder contacts take Newton's method many times as long.
 STIFFNESS_N_M2, SOFT_M = 5e4, 5e-5
-ROUND = 8
+# Sideways the surface gives way more, and the cone's edge is rounded by this power.
+SIDEWAYS, ROUND = 0.1, 8
 SHARES = (0.25, 0.75)
 
 
@@ -93,7 +94,7 @@ class Contact:
         force, held = push[:, None] * normal, np.zeros((len(point), 3))
         if self.friction and self.before is not None:
             slip = points[point] - self.before[point]
-            held, stuck = self._hold(self.held[point], slip, normal, spring, push, stiff)
+            held, stuck = self._hold(self.held[point], slip, normal, SIDEWAYS * spring, push, stiff)
             force, slope = force + held, slope + stuck
         return Touch(self.body[point], self.share[point], force, slope, points[point], point), held
 

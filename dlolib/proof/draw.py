@@ -21,7 +21,7 @@ from dlolib.types import Floats, Noise, Obstacle
 NULLS, SINGLES = 0.5, 0.27
 STIFFNESS_N_M2, TWIST_RATIO = (1.5e-4, 5e-4), (0.5, 1.5)
 SIGMA_M, CORRELATIONS, LOST = 0.0015, (0.7, 1.5), (0.01, 0.03)
-OBSTACLE_SHARE, OBSTACLE_RADIUS_M, OBSTACLE_DEPTH_M, BAR_M = 0.15, (0.015, 0.03), (0.004, 0.015), 1.0
+OBSTACLE_SHARE, OBSTACLE_RADIUS_M, OBSTACLE_DEPTH_M, BAR_M = 0.1, (0.015, 0.03), (0.002, 0.008), 1.0
 REDRAWS = 12
 # Two obstacles in one motion, of which one throws the rope off the other, are no pair to be told apart.
 TOGETHER_NEVER = ({"contact_friction", "hidden_obstacle"},)
@@ -124,8 +124,15 @@ def _draw_obstacle(rng: np.random.Generator, place: Place) -> Obstacle:
     aside = rng.uniform(-0.4, 0.4)
     axis = np.array([np.sin(aside), np.cos(aside), 0.0])
     center = place.obstacle_center(rng, radius, float(rng.uniform(*OBSTACLE_DEPTH_M)), axis)
-    bar = {"center_m": center, "axis": axis, "radius_m": [radius], "height_m": [BAR_M]}
-    return Obstacle("cylinder", {key: tuple(float(x) for x in value) for key, value in bar.items()})
+    return Obstacle(
+        "cylinder",
+        {
+            "center_m": tuple(center.tolist()),
+            "axis": tuple(axis.tolist()),
+            "radius_m": (radius,),
+            "height_m": (BAR_M,),
+        },
+    )
 
 
 def _pair(rng: np.random.Generator) -> tuple[str, ...]:

@@ -22,7 +22,9 @@ from dlolib.types import Floats
 
 ITERATIONS, MOST_TURN_RAD = 16, 0.25
 NEAR_M, BALANCE_N_M = 1e-8, 1e-9
-HALVINGS, SHORTENINGS = 6, 7
+HALVINGS, SHORTENINGS = 6, 5
+# How thick the honey is for the whole rope [N/m], and how many steps the rope may fall through it.
+HONEY_N_M, FALLS = 100.0, 60
 # What weighs alike when a step is judged: a moment and a distance.
 MERIT_N_M, MERIT_M = 1e-3, 1e-2
 
@@ -95,12 +97,32 @@ class Equilibrium:
             aim = min(1.0, share + size)
             way = first_m + aim * (position - first_m)
             if self._newton(way, turn if aim == 1.0 else _turned(whole * aim, first), step_s, drift):
-                share, before = aim, (self.q.copy(), self.reaction.copy())
+                share, before, size = aim, (self.q.copy(), self.reaction.copy()), 2 * size
                 continue
             self.q, self.reaction = before[0].copy(), before[1].copy()
             size /= 2
             if size < 0.5**HALVINGS:
-                raise SimulationError("the laboratory's rope found no balance", mend="move it less")
+                self._fall(way, turn if aim == 1.0 else _turned(whole * aim, first), step_s, drift)
+                share, before, size = aim, (self.q.copy(), self.reaction.copy()), 0.25
+
+    def _fall(self, position: Floats, turn: Floats, step_s: float, drift: Drift | None) -> None:
+        """Where the balance is lost the rope falls to the next one, as through honey.
+
+        Raises:
+            SimulationError: it found none.
+        """
+        still = Drift(np.zeros((1, 1)), np.zeros((1, 3))) if drift is None else drift
+        for _ in range(FALLS):
+            self.chain.move(self.q)
+            rate = np.full((self.chain.bodies + 1, 1), HONEY_N_M / self.chain.bodies)
+            honey = Drift(still.rate + rate, still.drift + rate * self.chain.vertices)
+            if not self._newton(position, turn, step_s, honey):
+                break
+            before = self.q.copy(), self.reaction.copy()
+            if self._newton(position, turn, step_s, drift):
+                return
+            self.q, self.reaction = before
+        raise SimulationError("the laboratory's rope found no balance", mend="move it less")
 
     def keep(self, step_s: float) -> None:
         """Make the present state the laws' history."""

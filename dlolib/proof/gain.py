@@ -66,8 +66,8 @@ def _descend(miss: Callable[[Floats], Floats], change: Floats) -> tuple[float, F
             break
         slopes = np.stack([(miss(change + TRIAL * side) - error) / TRIAL for side in np.eye(len(change))], 1)
         step = -np.linalg.lstsq(slopes, error, rcond=1e-6)[0]
-        step *= min(1.0, 0.5 / max(np.abs(step).max(), 1e-12))
-        better = _shorter(miss, change, step, least)
+        step = step * min(1.0, 0.5 / max(np.abs(step).max(), 1e-12))
+        better = _shorter(miss, change, np.asarray(step, dtype=float), least)
         if better is None:
             break
         change, error = better

@@ -60,9 +60,7 @@ def make_motion(plan: Plan, sizes: Sizes) -> tuple[Motion, Floats]:
     parts = [_main(plan), _arc(plan, plan.heldout)]
     if plan.kind == "opposite":
         other = Arc(plan.main.tilt_rad + np.pi, plan.main.sweep_rad)
-        parts[0] = tuple(
-            np.concatenate(two) for two in zip(parts[0], _arc(plan, other), strict=True)
-        )  # type: ignore[assignment]
+        parts[0] = tuple(np.concatenate(two) for two in zip(parts[0], _arc(plan, other), strict=True))  # type: ignore[assignment]
     reach = np.linspace(FIRST_REACH * sizes.length_m, plan.standing_m, APPROACH_ROWS)
     still = APPROACH_ROWS + STATIC_FRAMES
     place = np.concatenate([np.outer(reach, [1, 0, 0]), np.tile([plan.standing_m, 0, 0], (STATIC_FRAMES, 1))])

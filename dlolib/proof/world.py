@@ -154,8 +154,8 @@ def vertex_masses(experiment: Experiment, effects: Effects, bodies: int) -> Floa
     length, place = experiment.sizes.length_m, np.linspace(0, 1, bodies + 1)
     profile = effects.get("mass_profile", {})
     middle = (place[1:] + place[:-1]) / 2
-    body = experiment.sizes.linear_density_kg_m * length / bodies
-    body = body * (1 + profile.get("gradient", 0.0) * (2 * middle - 1))
+    whole = experiment.sizes.linear_density_kg_m * length / bodies
+    body = whole * (1 + profile.get("gradient", 0.0) * (2 * middle - 1))
     masses = np.zeros(bodies + 1)
     masses[:-1] += body / 2
     masses[1:] += body / 2
@@ -188,7 +188,7 @@ def _contacts(experiment: Experiment, effects: Effects, bodies: int) -> list[Con
 
 
 def _hanging(chain: Chain, start: Rotation, reach: float) -> Floats:
-    """Angles (D,) of a chain that sags in the vertical plane of its start's tangent, its ends `reach` apart."""
+    """Angles (D,) of a chain that sags below its start's tangent, its ends `reach` of its length apart."""
     middle = (np.arange(chain.bodies) + 0.5) / chain.bodies
     reach = min(reach, 0.9995)
 
