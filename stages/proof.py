@@ -149,7 +149,8 @@ def runs() -> list[dict[str, Any]]:
     """The rows of runs.csv."""
     if not RUNS.exists():
         return []
-    return pd.read_csv(RUNS, dtype=str, keep_default_na=False).to_dict("records")
+    table = pd.read_csv(RUNS, dtype=str, keep_default_na=False)
+    return [{str(key): value for key, value in row.items()} for row in table.to_dict("records")]
 
 
 def note(shard: str, size: int) -> None:

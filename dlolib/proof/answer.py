@@ -7,10 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from dlolib.errors import SimulationError
 from dlolib.proof.draw import Case, draw_case
 from dlolib.proof.gain import DETECTABLE, Gain, gain
 from dlolib.proof.write import write_case
 from dlolib.types import Floats
+
+# Half of the motions with an obstacle throw the rope over it sooner or later.
+REDRAWS = 30
 
 
 def detect(case: Case) -> dict[str, Any]:
@@ -57,10 +61,21 @@ def make_recording(
     answers: Path,
     multiple: float | None = None,
 ) -> None:
-    """Draw one case, write its recording and its answer; what is there already stays."""
+    """Draw one case, write its recording and its answer; what is there already stays.
+
+    Raises:
+        SimulationError: none of many motions could be played.
+    """
     if (answers / f"{name}.json").exists():
         return
-    case = draw_case(seed, index, names, multiple)
+    for attempt in range(REDRAWS):
+        try:
+            case = draw_case(seed, index, names, multiple, attempt)
+            more = detect(case)
+            break
+        except SimulationError:
+            if attempt == REDRAWS - 1:
+                raise
     touch = touched(case)
-    more = detect(case) | {"touch_m": None if touch is None else touch.tolist()}
+    more |= {"attempt": attempt, "touch_m": None if touch is None else touch.tolist()}
     write_case(case, name, recordings, answers, **more)

@@ -84,7 +84,7 @@ class Contact:
         distance = np.linalg.norm(away, axis=1)
         point = np.flatnonzero(distance < self.reach + 20 * SOFT_M)
         normal = away[point] / distance[point, None]
-        length = np.linalg.norm(vertices[1] - vertices[0])
+        length = float(np.linalg.norm(vertices[1] - vertices[0]))
         spring = STIFFNESS_N_M2 * length / len(SHARES)
         depth = (self.reach - distance[point]) / SOFT_M
         push = spring * SOFT_M * np.logaddexp(0.0, depth)

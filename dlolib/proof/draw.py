@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlolib.errors import SimulationError
 from dlolib.proof.chain import Sizes
 from dlolib.proof.motions import draw_plan, make_motion
 from dlolib.proof.noise import draw_noise
@@ -22,7 +21,6 @@ NULLS, SINGLES = 0.5, 0.27
 STIFFNESS_N_M2, TWIST_RATIO = (1.5e-4, 5e-4), (0.5, 1.5)
 SIGMA_M, CORRELATIONS, LOST = 0.0015, (0.7, 1.5), (0.01, 0.03)
 OBSTACLE_SHARE, OBSTACLE_RADIUS_M, OBSTACLE_DEPTH_M, BAR_M = 0.1, (0.015, 0.03), (0.002, 0.008), 1.0
-REDRAWS = 12
 # Two obstacles in one motion, of which one throws the rope off the other, are no pair to be told apart.
 TOGETHER_NEVER = ({"contact_friction", "hidden_obstacle"},)
 
@@ -56,31 +54,22 @@ def draw_names(seed: int, size: int) -> list[tuple[str, ...]]:
     return [names[int(index)] for index in rng.permutation(size)]
 
 
-def draw_case(seed: int, index: int, names: Sequence[str], multiple: float | None = None) -> Case:
+def draw_case(
+    seed: int, index: int, names: Sequence[str], multiple: float | None = None, attempt: int = 0
+) -> Case:
     """The case of that number in a shard: everything but its names drawn independently of them.
-
-    Where the rope finds no balance (it is thrown over an obstacle) the motion is drawn anew.
 
     Args:
         seed: of the shard.
         index: of the recording.
         names: of its effects.
         multiple: of the size that is found, in place of a drawn one.
+        attempt: a rope that could not be played is drawn anew.
 
     Raises:
-        SimulationError: no motion could be played.
+        SimulationError: this motion cannot be played: the rope is thrown over an obstacle.
     """
-    for attempt in range(REDRAWS):
-        rng = np.random.default_rng([seed, 1 + index, attempt])
-        try:
-            return _draw(rng, names, multiple)
-        except SimulationError:
-            if attempt == REDRAWS - 1:
-                raise
-    raise AssertionError
-
-
-def _draw(rng: np.random.Generator, names: Sequence[str], multiple: float | None) -> Case:
+    rng = np.random.default_rng([seed, 1 + index, attempt])
     experiment, place = _draw_experiment(rng)
     noise = _draw_tracker(rng)
     touched = rng.random() < OBSTACLE_SHARE
@@ -90,7 +79,7 @@ def _draw(rng: np.random.Generator, names: Sequence[str], multiple: float | None
     effects: dict[str, dict[str, float]] = {}
     for name in names:
         effects |= {key: dict(value) for key, value in draw_effect(effect_rng, name, place, multiple).items()}
-    points = play(experiment, effects)
+    points = play(experiment, effects) if effects or experiment.obstacles else place.points_m
     lost = float(noise_rng.uniform(*LOST)) if noise_rng.random() < 0.5 else 0.0
     return Case(
         experiment,

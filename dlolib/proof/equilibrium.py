@@ -25,6 +25,8 @@ NEAR_M, BALANCE_N_M = 1e-8, 1e-9
 HALVINGS, SHORTENINGS = 6, 5
 # How thick the honey is for the whole rope [N/m], and how many steps the rope may fall through it.
 HONEY_N_M, FALLS = 100.0, 60
+# A recording takes 500 to 2000; a rope that is thrown about takes many more and is no quasi-static one.
+MOST_BALANCES = 5000
 # What weighs alike when a step is judged: a moment and a distance.
 MERIT_N_M, MERIT_M = 1e-3, 1e-2
 
@@ -69,6 +71,7 @@ class Equilibrium:
         self.loads, self.contacts = loads, contacts
         self.q, self.reaction = start, np.zeros(6)
         self.length_m = 0.0
+        self.patience = MOST_BALANCES
 
     def lengthen(self, length_m: float) -> None:
         """Give the free rope this length [m]."""
@@ -160,6 +163,9 @@ class Equilibrium:
         self, position: Floats, turn: Floats, step_s: float, drift: Drift | None
     ) -> tuple[Floats, Floats, Floats]:
         """Imbalance (D,) [N m], gap at the gripper (6,), and the slopes of both (D + 6, D + 6)."""
+        self.patience -= 1
+        if self.patience < 0:
+            raise SimulationError("the laboratory's rope leaps from balance to balance", mend="move it less")
         self.chain.move(self.q)
         gap = np.concatenate([self.chain.vertices[-1] - position, turn_between(self.chain.gripper, turn)])
         residual, slopes, held = self._system(step_s, drift)

@@ -121,9 +121,7 @@ def summarise(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "confidently_wrong": share(outcomes["wrong"] + outcomes["missed"], len(found)),
         "missed": share(outcomes["missed"], len(found)),
         "false_alarms": share(sum(row["status"] != "no_mismatch" for row in nulls), len(nulls)),
-        "pairs_both_named": share(
-            sum(set(row["detectable"]) <= set(row["named"]) for row in pairs), len(pairs)
-        ),
+        "pairs_both_named": share(sum(_all_named(row) for row in pairs), len(pairs)),
         "by_effect": _by_effect(found),
         "coverage": _coverage(rows),
         "place": _places(rows),
@@ -146,6 +144,10 @@ def share(count: int, total: int) -> dict[str, Any]:
         "low": float(interval.low),
         "high": float(interval.high),
     }
+
+
+def _all_named(row: Mapping[str, Any]) -> bool:
+    return set(row["detectable"]) <= set(row["named"])
 
 
 def _said(row: Mapping[str, Any]) -> str:
