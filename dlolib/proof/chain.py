@@ -51,6 +51,8 @@ class Chain:
                 quat=start_q if first else [1, 0, 0, 0],
                 mass=1.0,
                 inertia=[1.0, 1.0, 1.0],
+                ipos=[0.0, 0.0, 0.0],
+                explicitinertial=True,
             )
             for kind in _order(index, bodies, stretches, yields):
                 hinge = kind != SLIDE
