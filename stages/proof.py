@@ -30,6 +30,7 @@ from dlolib.files import write_csv, write_json
 from dlolib.progress import track
 from dlolib.proof.answer import make_recording
 from dlolib.proof.draw import draw_names
+from dlolib.proof.refine import refinement
 from dlolib.proof.score import score, summarise
 from dlolib.proof.sizes import NAMES
 from stages import DATA, REPORTS, run
@@ -47,6 +48,9 @@ CALIBRATION_NULLS, CALIBRATION_SIZE = 12, 3.0
 
 def main(*arguments: str) -> None:
     asked = _options().parse_args(arguments)
+    if asked.refinement:
+        write_json(BOOK / "refinement.json", {"seed": asked.seed, "cases": refinement(asked.seed)})
+        return
     if asked.calibration:
         calibrate(asked.seed)
         return
@@ -64,7 +68,8 @@ def _options() -> argparse.ArgumentParser:
         "--command", default=COMMAND, help="what diagnoses; {recording} and {out} are filled in"
     )
     options.add_argument("--calibration", action="store_true", help="make recordings to set thresholds by")
-    options.add_argument("--seed", type=int, default=1, help="of the calibration")
+    options.add_argument("--refinement", action="store_true", help="what twice the bodies would change")
+    options.add_argument("--seed", type=int, default=1, help="of the calibration and the refinement")
     return options
 
 

@@ -42,7 +42,11 @@ def gain(
         noise: the true one.
         bodies: of both chains.
     """
-    truth = play(experiment, effects, bodies)
+    return left_over(experiment, play(experiment, effects, bodies), without, noise, bodies)
+
+
+def left_over(experiment: Experiment, truth: Floats, without: Effects, noise: Noise, bodies: int) -> Gain:
+    """What the best rope of this kind leaves of points (F, 30, 3) [m] that are given."""
     start = _parameters(without)
 
     def miss(change: Floats) -> Floats:

@@ -21,25 +21,27 @@ from dlolib.proof.world import (
 )
 from dlolib.types import Floats
 
-# What remembers takes every so many rows of the motion; half as many changes no point by 0.05 mm.
+# What remembers takes every so many rows of the motion: reports/proof/refinement.json says what finer
+# steps would change.
 STRIDE, FINE_STRIDE = 4, 2
 VIEWING_AXIS = np.array([0.0, 1.0, 0.0])
 SAME_S = 1e-9
 
 
-def play(experiment: Experiment, effects: Effects = NOTHING, bodies: int = BODIES) -> Floats:
+def play(experiment: Experiment, effects: Effects = NOTHING, bodies: int = BODIES, finer: int = 1) -> Floats:
     """The rope's points in every frame [m], shape (F, 30, 3), without noise.
 
     Args:
         experiment: what is known of it.
         effects: what is not, by the names and parameters of formats.md.
         bodies: of the chain, a multiple of 29.
+        finer: how many times as many steps along the motion.
 
     Raises:
         SimulationError: the rope finds no balance, as where it is pulled longer than it is.
     """
     t_s = seen_times(experiment, effects)
-    times = np.unique(np.concatenate([_rows(experiment, effects), t_s]))
+    times = np.unique(np.concatenate([_rows(experiment, effects, finer), t_s]))
     vertices = _run(experiment, effects, bodies, times)
     points = vertices[np.searchsorted(times, t_s), :: bodies // (POINTS - 1)]
     return _through_camera(points, effects)
@@ -52,12 +54,12 @@ def seen_times(experiment: Experiment, effects: Effects) -> Floats:
     return np.clip(experiment.frame_t_s - late, rows[0], rows[-1])
 
 
-def _rows(experiment: Experiment, effects: Effects) -> Floats:
+def _rows(experiment: Experiment, effects: Effects, finer: int) -> Floats:
     """Which of the motion's rows the chain must pass through [s]."""
     rows = experiment.motion.t_s
     if REMEMBERS.isdisjoint(effects) and not experiment.obstacles:
         return rows[:1]
-    return rows[:: FINE_STRIDE if "inertia_drag" in effects else STRIDE]
+    return rows[:: (FINE_STRIDE if "inertia_drag" in effects else STRIDE) // finer]
 
 
 def _run(experiment: Experiment, effects: Effects, bodies: int, times: Floats) -> Floats:
