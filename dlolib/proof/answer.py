@@ -9,7 +9,9 @@ import numpy as np
 
 from dlolib.errors import SimulationError
 from dlolib.proof.draw import Case, draw_case
+from dlolib.proof.forms import FORMS, nearest_parameters
 from dlolib.proof.gain import DETECTABLE, Gain, gain
+from dlolib.proof.place import most_curvature
 from dlolib.proof.write import write_case
 from dlolib.types import Floats
 
@@ -52,6 +54,14 @@ def touched(case: Case) -> Floats | None:
     return np.asarray(center + ball["radius"] * nearest / np.linalg.norm(nearest))
 
 
+def nearest_laws(case: Case) -> dict[str, dict[str, float]]:
+    """What parameters of formats.md's laws come nearest to the laboratory's, where their forms differ."""
+    most = most_curvature(case.points_m, case.experiment.sizes.length_m)
+    return {
+        name: nearest_parameters(name, values, most) for name, values in case.effects.items() if name in FORMS
+    }
+
+
 def make_recording(
     seed: int,
     index: int,
@@ -78,4 +88,5 @@ def make_recording(
                 raise
     touch = touched(case)
     more |= {"attempt": attempt, "touch_m": None if touch is None else touch.tolist()}
+    more |= {"nearest": nearest_laws(case)}
     write_case(case, name, recordings, answers, **more)

@@ -68,18 +68,22 @@ class Place:
         return bool(clear and ends.min() > reach + CLEAR_M)
 
 
+def most_curvature(points_m: Floats, length_m: float) -> float:
+    """The largest curvature [1/m] of a rope whose points (F, 30, 3) [m] are even along its length [m]."""
+    side = np.diff(points_m, axis=1)
+    turn = np.cross(side[:, 1:], side[:, :-1])
+    return float(np.linalg.norm(turn, axis=-1).max() / (length_m / (POINTS - 1)) ** 3)
+
+
 def find_place(experiment: Experiment, row_s: float) -> Place:
     """Play the elastic rope without obstacles."""
     points = play(experiment)
-    side = np.diff(points, axis=1)
-    turn = np.cross(side[:, 1:], side[:, :-1])
-    step = experiment.sizes.length_m / (POINTS - 1)
     frames = experiment.frame_t_s[STATIC_FRAMES : STATIC_FRAMES + MAIN_FRAMES]
     return Place(
         length_m=experiment.sizes.length_m,
         radius_m=experiment.sizes.diameter_m / 2,
         points_m=points,
-        most_curvature_1_m=float(np.linalg.norm(turn, axis=-1).max() / step**3),
+        most_curvature_1_m=most_curvature(points, experiment.sizes.length_m),
         main_s=(float(frames[0]), float(frames[-1])),
         row_s=row_s,
     )

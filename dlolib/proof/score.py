@@ -99,6 +99,7 @@ def score(verdict: Verdict | None, answer: Answer) -> dict[str, Any]:
     }
     if verdict is not None and row["outcome"] == "right" and row["named"]:
         row |= {"covered": _covered(verdict, answer), "place_error_m": _place_error(verdict, answer)}
+        row["covered_forms"] = _inside(_parameters(verdict), answer["nearest"])
         row["stiffness_error"] = {
             part: _stiffness_error(verdict[part], answer) for part in ("baseline", "augmented")
         }
@@ -123,7 +124,8 @@ def summarise(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "false_alarms": share(sum(row["status"] != "no_mismatch" for row in nulls), len(nulls)),
         "pairs_both_named": share(sum(_all_named(row) for row in pairs), len(pairs)),
         "by_effect": _by_effect(found),
-        "coverage": _coverage(rows),
+        "coverage": _coverage(rows, "covered"),
+        "coverage_forms": _coverage(rows, "covered_forms"),
         "place": _places(rows),
         "stiffness_bias": _bias(rows),
         "confusion": [
@@ -173,19 +175,23 @@ def _parameters(verdict: Verdict) -> dict[str, Mapping[str, Any]]:
 def _covered(verdict: Verdict, answer: Answer) -> dict[str, bool]:
     """Whether the 95 % intervals hold the truth, of EI and of what does not depend on a law's form."""
     said = _parameters(verdict)
-    truth = {
-        f"{effect}.{name}": value
-        for effect, values in answer["parameters"].items()
-        for name, value in values.items()
-        if f"{effect}.{name}" in FORM_FREE
-    }
+    held = {name: inside for name, inside in _inside(said, answer["parameters"]).items() if name in FORM_FREE}
     if not answer["parameters"].get("mass_profile", {}).get("mass", 1.0):
-        truth.pop("mass_profile.s")  # a gradient has no place
-    held = {name: _holds(said[name], value) for name, value in truth.items() if name in said}
+        held.pop("mass_profile.s", None)  # a gradient has no place
     stiffness = verdict["augmented"]["parameters"].get("bending_stiffness")
     if stiffness is not None:
         held["bending_stiffness"] = _holds(stiffness, answer["bending_stiffness"])
     return held
+
+
+def _inside(said: Mapping[str, Any], true: Mapping[str, Mapping[str, float]]) -> dict[str, bool]:
+    """Whether the intervals of what was said hold these values, by `<effect>.<parameter>`."""
+    return {
+        f"{effect}.{name}": _holds(said[f"{effect}.{name}"], value)
+        for effect, values in true.items()
+        for name, value in values.items()
+        if f"{effect}.{name}" in said
+    }
 
 
 def _holds(estimate: Mapping[str, Any], value: float) -> bool:
@@ -214,8 +220,8 @@ def _stiffness_error(part: Mapping[str, Any], answer: Answer) -> float | None:
     return None if found is None else found["value"] / answer["bending_stiffness"] - 1
 
 
-def _coverage(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    held = [(name, inside) for row in rows for name, inside in row.get("covered", {}).items()]
+def _coverage(rows: Sequence[Mapping[str, Any]], key: str) -> dict[str, Any]:
+    held = [(name, inside) for row in rows for name, inside in row.get(key, {}).items()]
     names = sorted({name for name, _ in held})
     each = {name: [inside for other, inside in held if other == name] for name in names}
     together = share(sum(inside for _, inside in held), len(held))

@@ -1,8 +1,8 @@
 """Effects of a given size: each sampler turns a multiple of the size that is found into parameters.
 
 `FOUND` is the size with 95 % power of missing-physics.md where that has one, otherwise the size whose
-noise-free gain over the elastic rope is 40 in the plain motion of data/practice with EI = GJ = 3e-4 N m² and
-white noise of 1.5 mm (`tests/proof/test_sizes.py` holds them to it).
+noise-free gain over the elastic rope is about 40 in the plain motion of data/practice with EI = GJ = 3e-4
+N m² and white noise of 1.5 mm: places and directions, drawn at random, move the gain by a factor of a few.
 """
 
 from __future__ import annotations

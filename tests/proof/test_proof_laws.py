@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from dlolib.proof.forms import FORMS, nearest_parameters
 from dlolib.proof.laws import RELEASES, TIMES, Elastic, Law, creeping, rubbing, yielding
 from dlolib.types import Floats
 
@@ -94,3 +95,20 @@ def test_hyperbolic_laws_are_cubic_while_gentle_and_differ_beyond(cubic: float) 
     gentle, strong = drive(law, np.array([2.0, 25.0]))
     assert gentle == pytest.approx(EI * 2 * (1 + cubic * 4), rel=1e-4)
     assert abs(strong / (EI * 25 * (1 + cubic * 625)) - 1) > 0.02
+
+
+PLANTED = {
+    "plastic_bending": {"yield_curvature": 8.0, "hardening_ratio": 0.2},
+    "internal_friction": {"saturation_curvature": 1.5, "transition_curvature": 3.0},
+    "viscoelastic_bending": {"modulus_ratio": 0.4, "relaxation_time": 6.0},
+    "nonlinear_bending": {"cubic": 1e-4},
+}
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_our_law_nearest_to_the_laboratorys_is_not_far(name: str) -> None:
+    """Friction's transition is the exception: a Prandtl stack turns round over twice its first loading's."""
+    found = nearest_parameters(name, PLANTED[name], 22.0)
+    for key, value in PLANTED[name].items():
+        assert found[key] == pytest.approx(value, rel=1.0 if key == "transition_curvature" else 0.15)
+        assert found[key] != value

@@ -15,6 +15,7 @@ def answer(*names: str, detectable: tuple[str, ...] | None = None, gain: float =
         "elastic_gain": gain if names else 0.0,
         "parameters": {name: {"s": 0.2, "mass": 0.001, "gradient": 0.0} for name in names},
         "bending_stiffness": 3e-4,
+        "nearest": {},
         "touch_m": None,
     }
 
