@@ -9,7 +9,6 @@ beside them, under a seed of its own; they never count.
 from __future__ import annotations
 
 import argparse
-import hashlib
 import json
 import secrets
 import shlex
@@ -23,15 +22,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
 from dlolib.errors import ParameterError
-from dlolib.files import write_csv, write_json
+from dlolib.files import write_json
 from dlolib.progress import track
+from dlolib.proof import book
 from dlolib.proof.answer import make_recording
 from dlolib.proof.draw import draw_names
 from dlolib.proof.refine import refinement
-from dlolib.proof.score import score, summarise
+from dlolib.proof.score import owns_up, score, share, summarise
 from dlolib.proof.sizes import NAMES
 from stages import DATA, REPORTS, run
 
@@ -39,8 +37,6 @@ WORK = DATA / "proof"
 RECORDINGS, SEALED, VERDICTS = WORK / "recordings", WORK / "sealed", WORK / "verdicts"
 CALIBRATION = WORK / "calibration"
 BOOK = REPORTS / "proof"
-RUNS = BOOK / "runs.csv"
-COLUMNS = ("shard", "started", "commit", "answers_sha256", "size", "state", "seed")
 COMMAND = "dlo diagnose {recording} --out {out}"
 WORKERS, LIMIT_S = 2, 1800
 CALIBRATION_NULLS, CALIBRATION_SIZE = 12, 3.0
@@ -53,6 +49,9 @@ def main(*arguments: str) -> None:
         return
     if asked.calibration:
         calibrate(asked.seed)
+        return
+    if asked.without:
+        write_json(BOOK / "without.json", without(asked.command))
         return
     for _ in range(asked.shards):
         shard = unfinished() or begin(asked.size)
@@ -67,6 +66,7 @@ def _options() -> argparse.ArgumentParser:
     options.add_argument(
         "--command", default=COMMAND, help="what diagnoses; {recording} and {out} are filled in"
     )
+    options.add_argument("--without", action="store_true", help="scored singles, their effect taken out")
     options.add_argument("--calibration", action="store_true", help="make recordings to set thresholds by")
     options.add_argument("--refinement", action="store_true", help="what twice the bodies would change")
     options.add_argument("--seed", type=int, default=1, help="of the calibration and the refinement")
@@ -86,7 +86,7 @@ def begin(size: int) -> str:
 def unfinished() -> str | None:
     """A shard that was begun here and not scored."""
     begun = sorted(path.name for path in SEALED.glob("shard_*"))
-    scored = {row["shard"] for row in runs() if row["state"] == "scored"}
+    scored = {row["shard"] for row in book.runs(BOOK) if row["state"] == "scored"}
     return next((shard for shard in begun if shard not in scored), None)
 
 
@@ -94,13 +94,13 @@ def finish(shard: str, command: str) -> None:
     """Take a shard from wherever it stands to its score."""
     sealed = json.loads((SEALED / shard / "shard.json").read_text())
     make(sealed["seed"], draw_names(sealed["seed"], sealed["size"]), RECORDINGS / shard, SEALED / shard)
-    if shard not in {row["shard"] for row in runs()}:
-        note(shard, sealed["size"])
+    if shard not in {row["shard"] for row in book.runs(BOOK)}:
+        book.note(BOOK, shard, SEALED / shard, sealed["size"])
     names = sorted(path.name for path in (RECORDINGS / shard).iterdir())
     tasks = [(RECORDINGS / shard / name, VERDICTS / shard / name, command) for name in names]
     together(ThreadPoolExecutor(WORKERS), diagnose, tasks, f"diagnosing {shard}")
-    rows = {name: score(_verdict(shard, name), _answer(shard, name)) for name in names}
-    settle(shard, sealed["seed"])
+    rows = {name: score(_verdict(VERDICTS / shard / name), _answer(shard, name)) for name in names}
+    book.settle(BOOK, shard, SEALED / shard, sealed["seed"])
     figures = summarise(list(rows.values()))
     write_json(BOOK / f"{shard}.json", {"shard": shard, "summary": figures, "recordings": rows})
 
@@ -150,56 +150,35 @@ def diagnose(recording: Path, verdict: Path, command: str) -> None:
         write_json(verdict / "done.json", {"exit_status": status, "stderr": said})
 
 
-def runs() -> list[dict[str, Any]]:
-    """The rows of runs.csv."""
-    if not RUNS.exists():
-        return []
-    table = pd.read_csv(RUNS, dtype=str, keep_default_na=False)
-    return [{str(key): value for key, value in row.items()} for row in table.to_dict("records")]
-
-
-def note(shard: str, size: int) -> None:
-    """Append a shard's row before its diagnosis begins."""
-    row = {
-        "shard": shard,
-        "started": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}",
-        "commit": _commit(),
-        "answers_sha256": seal(SEALED / shard),
-        "size": str(size),
-        "state": "diagnosing",
-        "seed": "",
-    }
-    write_csv(RUNS, pd.DataFrame([*runs(), row], columns=list(COLUMNS)))
-
-
-def settle(shard: str, seed: int) -> None:
-    """Reveal a shard's seed and call it scored; its answers must be what they were."""
-    rows = runs()
-    for row in rows:
-        if row["shard"] == shard:
-            if row["answers_sha256"] != seal(SEALED / shard):
-                raise ParameterError("the answers are not those that were sealed", file=SEALED / shard)
-            row |= {"state": "scored", "seed": str(seed)}
-    write_csv(RUNS, pd.DataFrame(rows, columns=list(COLUMNS)))
-
-
-def seal(answers: Path) -> str:
-    """SHA-256 over the names and contents of a shard's answers, its seed among them."""
-    digest = hashlib.sha256()
-    for path in sorted(answers.glob("*.json")):
-        digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
-    return digest.hexdigest()
-
-
 def totals() -> dict[str, Any]:
-    """All scored shards of the last commit's diagnosis together; every started one is counted."""
-    book = runs()
-    scored = [row for row in book if row["state"] == "scored"]
-    last = scored[-1]["commit"] if scored else None
-    shards = [row["shard"] for row in scored if row["commit"] == last]
+    """All scored shards of the last version of dlolib together; every started one is counted."""
+    started = book.runs(BOOK)
+    scored = [row for row in started if row["state"] == "scored"]
+    last = scored[-1]["version"] if scored else None
+    shards = [row["shard"] for row in scored if row["version"] == last]
     files = [json.loads((BOOK / f"{shard}.json").read_text()) for shard in shards]
     rows = [row for one in files for row in one["recordings"].values()]
-    return {"started": len(book), "scored": len(scored), "commit": last, "shards": shards, **summarise(rows)}
+    counts = {"started": len(started), "scored": len(scored), "version": last, "shards": shards}
+    return counts | summarise(rows)
+
+
+def without(command: str) -> dict[str, Any]:
+    """Diagnose what was found alone once more with that effect taken out of the library."""
+    rows = []
+    for shard in totals()["shards"]:
+        scored = json.loads((BOOK / f"{shard}.json").read_text())["recordings"]
+        found = {name: row for name, row in scored.items() if row["detectable"] == row["true"]}
+        alone = {name: row["true"][0] for name, row in found.items() if len(row["true"]) == 1}
+        apart = VERDICTS / f"{shard}_without"
+        tasks = [
+            (RECORDINGS / shard / name, apart / name, f"{command} --without {effect}")
+            for name, effect in alone.items()
+        ]
+        together(ThreadPoolExecutor(WORKERS), diagnose, tasks, f"diagnosing {shard} without")
+        for name, effect in alone.items():
+            row = {"shard": shard, "name": name, "effect": effect}
+            rows.append(row | {"owned_up": owns_up(_verdict(apart / name), effect)})
+    return {"owned_up": share(sum(row["owned_up"] for row in rows), len(rows)), "recordings": rows}
 
 
 def calibrate(seed: int) -> None:
@@ -210,21 +189,13 @@ def calibrate(seed: int) -> None:
     make(seed, names, folder / "recordings", folder / "answers", sizes)
 
 
-def _verdict(shard: str, name: str) -> dict[str, Any] | None:
-    path = VERDICTS / shard / name / "verdict.json"
+def _verdict(folder: Path) -> dict[str, Any] | None:
+    path = folder / "verdict.json"
     return json.loads(path.read_text()) if path.exists() else None
 
 
 def _answer(shard: str, name: str) -> dict[str, Any]:
     return dict(json.loads((SEALED / shard / f"{name}.json").read_text()))
-
-
-def _commit() -> str:
-    head = subprocess.run(["git", "rev-parse", "HEAD"], capture_output=True, text=True, check=True)
-    changed = subprocess.run(
-        ["git", "status", "--porcelain", "dlolib"], capture_output=True, text=True, check=True
-    )
-    return head.stdout.strip() + ("+changes" if changed.stdout.strip() else "")
 
 
 if __name__ == "__main__":

@@ -61,11 +61,6 @@ def accepted(names: Sequence[str], answer: Answer) -> bool:
     return set(answer["detectable"]) <= said <= true and something
 
 
-def there(answer: Answer) -> bool:
-    """Whether something is there to be found."""
-    return bool(answer["detectable"])
-
-
 def named(verdict: Verdict) -> list[str]:
     """The names of the winning model's effects."""
     return sorted(effect["name"] for effect in verdict["effects"])
@@ -84,6 +79,15 @@ def outcome(verdict: Verdict | None, answer: Answer) -> str:
     if status == "ambiguous" and len(tie) <= MOST_IN_TIE and any(accepted(one, answer) for one in tie):
         return "tied"
     return "undecided"
+
+
+def owns_up(verdict: Verdict | None, taken_out: str) -> bool:
+    """Whether a diagnosis that lacks the true effect says so, or names the one that does nearly the same."""
+    if verdict is None:
+        return False
+    twins = ({"internal_friction", "plastic_bending"},)
+    swapped = any({taken_out, *named(verdict)} == pair for pair in twins)
+    return verdict["status"] in ("unexplained", "ambiguous") or swapped
 
 
 def score(verdict: Verdict | None, answer: Answer) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from dlolib.proof.score import outcome, score, share, summarise
+from dlolib.proof.score import outcome, owns_up, score, share, summarise
 
 
 def answer(*names: str, detectable: tuple[str, ...] | None = None, gain: float = 100.0) -> dict[str, Any]:
@@ -98,3 +98,11 @@ def test_wilsons_interval() -> None:
     half = share(5, 10)
     assert (half["low"], half["high"]) == pytest.approx((0.2366, 0.7634), abs=1e-4)
     assert share(0, 0)["share"] is None
+
+
+def test_without_its_effect_a_diagnosis_owns_up_or_names_the_twin() -> None:
+    assert owns_up(verdict("unexplained"), LUMP)
+    assert owns_up(verdict("explained", "internal_friction"), "plastic_bending")
+    assert not owns_up(verdict("explained", SPOT), LUMP)
+    assert not owns_up(verdict("no_mismatch"), LUMP)
+    assert not owns_up(None, LUMP)

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from dlolib.errors import ParameterError
+from dlolib.proof import book
 from stages import proof
 from tests.pipeline.imports import import_graph
 
@@ -34,12 +36,14 @@ def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(proof, "draw_names", lambda seed, size: [()] * size)
     monkeypatch.setattr(proof, "ProcessPoolExecutor", proof.ThreadPoolExecutor)
-    for words in (["git", "init", "-q"], ["git", "commit", "-q", "--allow-empty", "-m", "x"]):
+    (tmp_path / "dlolib").mkdir()
+    (tmp_path / "dlolib/diagnose.py").touch()
+    for words in (["git", "init", "-q"], ["git", "add", "dlolib"], ["git", "commit", "-q", "-m", "x"]):
         who = ["-c", "user.name=x", "-c", "user.email=x@x"]
         subprocess.run([words[0], *who, *words[1:]], check=True)
     (tmp_path / "says.py").write_text(SAYS)
-    book = tmp_path / "reports/proof/runs.csv"
-    return shlex.join([sys.executable, str(tmp_path / "says.py"), "{recording}", "{out}", str(book)])
+    noted = tmp_path / "reports/proof/runs.csv"
+    return shlex.join([sys.executable, str(tmp_path / "says.py"), "{recording}", "{out}", str(noted)])
 
 
 def rows() -> list[dict[str, str]]:
@@ -52,7 +56,7 @@ def test_a_shard_is_noted_then_diagnosed_then_revealed(command: str) -> None:
     assert row["state"] == "scored"
     shard = Path("data/proof/sealed") / row["shard"]
     assert row["seed"] == str(json.loads((shard / "shard.json").read_text())["seed"])
-    assert row["answers_sha256"] == proof.seal(shard)
+    assert row["answers_sha256"] == book.seal(shard)
     summary = json.loads(Path("reports/proof/summary.json").read_text())
     assert (summary["recordings"], summary["false_alarms"]["count"]) == (2, 0)
     written = json.loads(Path(f"reports/proof/{row['shard']}.json").read_text())
@@ -79,8 +83,8 @@ def test_changed_answers_are_refused(command: str) -> None:
     (row,) = rows()
     changed = Path("data/proof/sealed") / row["shard"] / "000.json"
     changed.write_text(changed.read_text() + " ")
-    with pytest.raises(proof.ParameterError, match="sealed"):
-        proof.settle(row["shard"], 1)
+    with pytest.raises(ParameterError, match="sealed"):
+        book.settle(proof.BOOK, row["shard"], changed.parent, 1)
 
 
 def test_the_laboratory_shares_nothing_with_what_infers() -> None:
