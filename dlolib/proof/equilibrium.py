@@ -25,8 +25,6 @@ NEAR_M, BALANCE_N_M = 1e-8, 1e-9
 HALVINGS, SHORTENINGS = 6, 5
 # How thick the honey is for the whole rope [N/m], and how many steps the rope may fall through it.
 HONEY_N_M, FALLS = 100.0, 60
-# A recording takes 500 to 2000; a rope that is thrown about takes many more and is no quasi-static one.
-MOST_BALANCES = 5000
 # What weighs alike when a step is judged: a moment and a distance.
 MERIT_N_M, MERIT_M = 1e-3, 1e-2
 
@@ -71,7 +69,8 @@ class Equilibrium:
         self.loads, self.contacts = loads, contacts
         self.q, self.reaction = start, np.zeros(6)
         self.length_m = 0.0
-        self.patience = MOST_BALANCES
+        # How often the balance may still be weighed, which bounds the time that a rope thrown about takes.
+        self.patience = 1000
 
     def lengthen(self, length_m: float) -> None:
         """Give the free rope this length [m]."""

@@ -45,8 +45,15 @@ def gain(
     return left_over(experiment, play(experiment, effects, bodies), without, noise, bodies)
 
 
-def left_over(experiment: Experiment, truth: Floats, without: Effects, noise: Noise, bodies: int) -> Gain:
-    """What the best rope of this kind leaves of points (F, 30, 3) [m] that are given."""
+def left_over(
+    experiment: Experiment,
+    truth: Floats,
+    without: Effects,
+    noise: Noise,
+    bodies: int,
+    doubtless: float = 0.25 * DETECTABLE,
+) -> Gain:
+    """What the best rope of this kind leaves of points (F, 30, 3) [m]; `doubtless`: so little is enough."""
     start = _parameters(without)
 
     def miss(change: Floats) -> Floats:
@@ -57,16 +64,16 @@ def left_over(experiment: Experiment, truth: Floats, without: Effects, noise: No
         )
         return whiten(play(rope, _changed(without, start, change[2:]), bodies) - truth, noise).ravel()
 
-    found, change = _descend(miss, np.zeros(2 + len(start)))
+    found, change = _descend(miss, np.zeros(2 + len(start)), doubtless)
     return Gain(found, experiment.bending_stiffness * float(np.exp(change[0])))
 
 
-def _descend(miss: Callable[[Floats], Floats], change: Floats) -> tuple[float, Floats]:
+def _descend(miss: Callable[[Floats], Floats], change: Floats, doubtless: float) -> tuple[float, Floats]:
     """Least sum of squares and where, by Gauss-Newton steps that are halved until they help."""
     error = miss(change)
     least = float(error @ error)
     for _ in range(ROUNDS):
-        if least < 0.25 * DETECTABLE:
+        if least <= doubtless:
             break
         slopes = np.stack([(miss(change + TRIAL * side) - error) / TRIAL for side in np.eye(len(change))], 1)
         step = -np.linalg.lstsq(slopes, error, rcond=1e-6)[0]

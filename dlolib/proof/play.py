@@ -23,7 +23,9 @@ from dlolib.types import Floats
 
 # What remembers takes every so many rows of the motion: reports/proof/refinement.json says what finer
 # steps would change.
-STRIDE, FINE_STRIDE = 4, 2
+STRIDE, FINE_STRIDES = 4, {"inertia_drag": 1, "contact_friction": 2}
+# A step takes 3 to 5 weighings of the balance; a rope that takes many more is no quasi-static one.
+PATIENCE = 12
 VIEWING_AXIS = np.array([0.0, 1.0, 0.0])
 SAME_S = 1e-9
 
@@ -59,7 +61,9 @@ def _rows(experiment: Experiment, effects: Effects, finer: int) -> Floats:
     rows = experiment.motion.t_s
     if REMEMBERS.isdisjoint(effects) and not experiment.obstacles:
         return rows[:1]
-    return rows[:: (FINE_STRIDE if "inertia_drag" in effects else STRIDE) // finer]
+    stride = min(FINE_STRIDES.get(name, STRIDE) for name in (*effects, ""))
+    whole = np.arange(len(rows))
+    return np.asarray(np.interp(np.arange(0, len(rows), stride / finer), whole, rows))
 
 
 def _run(experiment: Experiment, effects: Effects, bodies: int, times: Floats) -> Floats:
@@ -67,6 +71,7 @@ def _run(experiment: Experiment, effects: Effects, bodies: int, times: Floats) -
     motion = interpolate_motion(experiment.motion, times)
     turns = turned_end(motion.end_q, effects, "end").as_matrix()
     rope = build(experiment, effects, bodies)
+    rope.patience += PATIENCE * len(times)
     dynamics = _Dynamics(experiment, effects, bodies) if "inertia_drag" in effects else None
     found = np.empty((len(times), bodies + 1, 3))
     for index, t_s in enumerate(times):

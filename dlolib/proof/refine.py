@@ -14,6 +14,7 @@ from dlolib.proof.play import play
 from dlolib.proof.world import BODIES
 from dlolib.types import Noise
 
+ENOUGH = 1.0
 WHITE = Noise(0.0015, 0.0, 0.0)
 EFFECTS: tuple[tuple[str, ...], ...] = (
     (),
@@ -32,15 +33,15 @@ EFFECTS: tuple[tuple[str, ...], ...] = (
 def refinement(seed: int, bodies: int = BODIES) -> list[dict[str, Any]]:
     """A row for each of a few cases: nulls first, then what remembers or touches.
 
-    `gain` is the noise-free chi-squared (white noise of 1.5 mm) that a rope of this many bodies leaves of one
-    with twice as many and the same effects, refitted where it is 10 or more; `bodies_m` and `steps_m` are
-    the largest changes of a point for twice the bodies and for half the steps [m].
+    `gain` is the noise-free chi-squared (white noise of 1.5 mm) that the best rope of this many bodies leaves
+    of one with twice as many and the same effects, refitted unless it is below 1 anyway; `bodies_m` and
+    `steps_m` are the largest changes of a point for twice the bodies and for half the steps [m].
     """
     rows = []
     for index, names in enumerate(EFFECTS):
         case = _playable(seed, index, names)
         fine = play(case.experiment, case.effects, 2 * bodies)
-        left = left_over(case.experiment, fine, case.effects, WHITE, bodies)
+        left = left_over(case.experiment, fine, case.effects, WHITE, bodies, doubtless=ENOUGH)
         half = play(case.experiment, case.effects, bodies, finer=2)
         rows.append(
             {
