@@ -31,7 +31,7 @@ FOUND: Mapping[str, float] = MappingProxyType(
         # the laboratory's gain of 40
         "plastic_bending": 0.043,
         "nonlinear_bending": 0.00012,
-        "anisotropic_bending": 0.12,
+        "anisotropic_bending": 0.35,
         "axial_stretch": 0.0115,
         "end_compliance": 1.8,
         "end_twist": 0.07,
@@ -49,6 +49,7 @@ NAMES = tuple(sorted(FOUND))
 GRADIENT_SHARE, GRADIENT_PER_KG = 0.3, 200.0
 DEPTH_SHARE, DEPTH_PER_RAD = 0.3, 0.25
 SMALLEST, LARGEST = 0.25, 8.0
+FLATTEST = float(np.log(2.5))
 
 
 def draw_effect(rng: np.random.Generator, name: str, place: Place, multiple: float | None = None) -> Effects:
@@ -92,7 +93,8 @@ def _nonlinear_bending(rng: np.random.Generator, size: float, place: Place) -> V
 
 
 def _anisotropic_bending(rng: np.random.Generator, size: float, place: Place) -> Values:
-    return {"stiffness_ratio": float(np.exp(_sign(rng) * size))}
+    """The size is the ratio's logarithm; a cable is not flatter than one to two and a half."""
+    return {"stiffness_ratio": float(np.exp(_sign(rng) * min(size, FLATTEST)))}
 
 
 def _stiffness_profile(rng: np.random.Generator, size: float, place: Place) -> Values:
