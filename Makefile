@@ -11,7 +11,7 @@ WORKERS ?= 2
 
 .PHONY: help
 help: ## list these commands
-	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /  make \1\t/' | expand -t 18
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /  make \1\t/' | expand -t 18
 
 .PHONY: setup
 setup: .venv/installed ## make .venv and nothing else (the commands below do it by themselves)
@@ -62,6 +62,16 @@ COUNT ?= 10000
 .PHONY: robustness
 robustness: .venv/installed ## COUNT=10000 random roll-outs of the rod: reports/robustness.json (half an hour)
 	@python -m stages.robustness "$(COUNT)"
+
+SHARDS ?= 1
+SIZE ?= 50
+.PHONY: proof
+proof: .venv/installed ## the blind proof: SHARDS of SIZE recordings drawn from secret seeds, diagnosed and scored
+	@python -m stages.proof --shards $(SHARDS) --size $(SIZE)
+
+.PHONY: proof-calibration
+proof-calibration: .venv/installed ## recordings of the proof's laboratory with their answers, to set thresholds by
+	@python -m stages.proof --calibration
 
 .PHONY: validation
 validation: .venv/installed ## the rod against theory: docs/validation.md and its figures

@@ -27,7 +27,8 @@ for path in json.loads((here / "outs.json").read_text())[name]:
     target = pathlib.Path(path)
     if not target.suffix:
         target.mkdir(parents=True, exist_ok=True)
-        names = {{"identify": ["fit.json"], "learn": ["trajectory.csv"]}}.get(name.split("@")[0], ["content"])
+        kinds = {{"diagnose": ["verdict.json"], "learn": ["trajectory.csv"]}}
+        names = kinds.get(name.split("@")[0], ["content"])
         files = [target / file for file in names]
     else:
         target.parent.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""Under a capture held fixed, what ingest, chain, identify and learn write does not depend on `lab.*`."""
+"""Under a capture held fixed, what the stages from ingest to learn write does not depend on `lab.*`."""
 
 from __future__ import annotations
 
@@ -14,10 +14,13 @@ import yaml
 
 from dlolib.lab.record import Experiment, record
 from dlolib.lab.rope import LabRope
+from dlolib.sim.effects import EFFECTS
 from tests.pipeline.conftest import ROOT
 
+OTHERS = sorted(set(EFFECTS) - {"plastic_bending", "clock_offset"})
 SMALL = {
     "identify": {"iterations": 5, "bootstrap": 10, "paper_on": []},
+    "diagnose": {"without": OTHERS, "most_effects": 1, "starts": 1, "workers": 1},
     "rod": {"particles": 12, "longest_segment_m": 0.05},
     "learn": {
         "iterations": 2,
@@ -30,6 +33,7 @@ STAGES = (
     ("ingest",),
     ("chain",),
     ("identify", "captured", "data/recordings/captured"),
+    ("diagnose", "captured", "data/recordings/captured"),
     ("learn", "layout_2"),
 )
 
@@ -71,5 +75,5 @@ def test_outputs_stay_the_same_to_the_byte(capture: Path, tmp_path: Path) -> Non
     other = outputs(tmp_path / "other", capture, {"rope": rope, "waypoints": 50, "sensor": {"seed": 9}})
     without = outputs(tmp_path / "without", capture, None)
     assert other == without
-    assert {"data/recordings/captured/points.csv", "reports/identify/captured/fit.json"} <= set(other)
+    assert {"data/recordings/captured/points.csv", "reports/diagnose/captured/verdict.json"} <= set(other)
     assert "reports/learn/layout_2/trajectory.csv" in other

@@ -23,7 +23,8 @@ def test_dag_shows_the_way_of_the_data(pipeline: Pipeline) -> None:
         "lab -> ingest",
         "ingest -> chain",
         "chain -> identify@captured",
-        "identify@captured -> learn@layout_1",
+        "chain -> diagnose@captured",
+        "diagnose@captured -> learn@layout_1",
         "learn@layout_1 -> execute@layout_1",
         "execute@layout_1 -> report",
     ):
@@ -79,4 +80,4 @@ def test_a_changed_frame_of_ones_own_rope_runs_ingest_again_and_not_the_laborato
     capture.write_text('{"changed": 1}')
     again = pipeline.stale()
     assert {"ingest", "report"} <= again and "lab" not in again
-    assert not {"identify@wire_white", "identify@wire_black"} & again
+    assert not {"identify@wire_white", "identify@wire_black", "diagnose@wire_white"} & again

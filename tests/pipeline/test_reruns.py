@@ -11,20 +11,24 @@ RECORDINGS = ("captured", "wire_white", "wire_black")
 LEARN = {f"learn@{name}" for name in LAYOUTS}
 EXECUTE = {f"execute@{name}" for name in LAYOUTS}
 IDENTIFY = {f"identify@{name}" for name in RECORDINGS}
+DIAGNOSE = {f"diagnose@{name}" for name in RECORDINGS}
 PLAN = LEARN | EXECUTE | {"report"}
-ALL = {"lab", "ingest", "chain", "report"} | IDENTIFY | LEARN | EXECUTE
+ALL = {"lab", "ingest", "chain", "report"} | IDENTIFY | DIAGNOSE | LEARN | EXECUTE
+
+CAPTURED = {"identify@captured", "diagnose@captured"}
 
 # The line, what it becomes, and what runs again when every stage gives something new.
 TABLE = [
-    ("particles: 30", "particles: 40", IDENTIFY | PLAN),
-    ("hardening_ratio: 0.2", "hardening_ratio: 0.3", {"lab", "ingest", "chain", "identify@captured"} | PLAN),
-    ("points: 30", "points: 20", {"chain", "identify@captured"} | PLAN),
+    ("particles: 30", "particles: 40", IDENTIFY | DIAGNOSE | PLAN),
+    ("hardening_ratio: 0.2", "hardening_ratio: 0.3", {"lab", "ingest", "chain"} | CAPTURED | PLAN),
+    ("points: 30", "points: 20", {"chain"} | CAPTURED | PLAN),
     (
         "wire_white: {path: data/wires/wire_white}",
         "wire_white: {path: data/wires/wire_black}",
-        {"identify@wire_white", "report"},
+        {"identify@wire_white", "diagnose@wire_white", "report"},
     ),
-    ("bootstrap: 1000", "bootstrap: 100", IDENTIFY | PLAN),
+    ("bootstrap: 1000", "bootstrap: 100", IDENTIFY | {"report"}),
+    ("tie: 6.0", "tie: 5.0", DIAGNOSE | PLAN),
     ("contact_weight: 0.1", "contact_weight: 0.2", PLAN),
     ("laws: [elastic, plastic]", "laws: [plastic]", EXECUTE | {"report"}),
     (
@@ -64,7 +68,7 @@ def test_changed_layout_runs_its_own_again(pipeline: Pipeline) -> None:
 def test_changed_recording_runs_its_own_again(pipeline: Pipeline) -> None:
     with (pipeline.folder / "data/wires/wire_black/points.csv").open("a") as points:
         points.write("\n")
-    assert pipeline.stale() == {"identify@wire_black", "report"}
+    assert pipeline.stale() == {"identify@wire_black", "diagnose@wire_black", "report"}
 
 
 def test_changed_code_runs_again_what_imports_it(pipeline: Pipeline) -> None:

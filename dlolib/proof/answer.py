@@ -1,0 +1,92 @@
+"""What a diagnosis may answer: the laboratory decides, before any diagnosis, what is there to be found."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dlolib.errors import SimulationError
+from dlolib.proof.draw import Case, draw_case
+from dlolib.proof.forms import FORMS, nearest_parameters
+from dlolib.proof.gain import DETECTABLE, Gain, gain
+from dlolib.proof.place import most_curvature
+from dlolib.proof.write import write_case
+from dlolib.types import Floats
+
+# Half of the motions with an obstacle throw the rope over it sooner or later.
+REDRAWS = 30
+
+
+def detect(case: Case) -> dict[str, Any]:
+    """Gains, and the detectable members: of a single effect over the elastic rope, of a pair over the other.
+
+    A twin that explains the pair nearly as well leaves no member detectable although something is there:
+    `elastic_gain` tells.
+    """
+    if not case.effects:
+        return {"detectable": [], "gains": {}, "elastic_gain": 0.0}
+    seen = float(case.seen.mean())
+    elastic = gain(case.experiment, case.effects, {}, case.noise)
+    gains: dict[str, Gain] = {}
+    for name in case.effects:
+        others = {other: values for other, values in case.effects.items() if other != name}
+        gains[name] = gain(case.experiment, case.effects, others, case.noise) if others else elastic
+    # Lost points take their share of the information.
+    shares = {name: seen * found.value for name, found in gains.items()}
+    return {
+        "detectable": sorted(name for name, value in shares.items() if value >= DETECTABLE),
+        "gains": shares,
+        "elastic_gain": seen * elastic.value,
+        "elastic_bending_stiffness": elastic.bending_stiffness,
+    }
+
+
+def touched(case: Case) -> Floats | None:
+    """Where the rope comes nearest to a hidden sphere, on its surface [m], (3,)."""
+    ball = case.effects.get("hidden_obstacle")
+    if ball is None:
+        return None
+    center = np.array([ball[axis] for axis in "xyz"])
+    away = (case.points_m - center).reshape(-1, 3)
+    nearest = away[np.linalg.norm(away, axis=1).argmin()]
+    return np.asarray(center + ball["radius"] * nearest / np.linalg.norm(nearest))
+
+
+def nearest_laws(case: Case) -> dict[str, dict[str, float]]:
+    """What parameters of formats.md's laws come nearest to the laboratory's, where their forms differ."""
+    most = most_curvature(case.points_m, case.experiment.sizes.length_m)
+    return {
+        name: nearest_parameters(name, values, most) for name, values in case.effects.items() if name in FORMS
+    }
+
+
+def make_recording(
+    seed: int,
+    index: int,
+    names: tuple[str, ...],
+    name: str,
+    recordings: Path,
+    answers: Path,
+    multiple: float | None = None,
+) -> None:
+    """Draw one case, write its recording and its answer; what is there already stays.
+
+    Raises:
+        SimulationError: none of many motions could be played.
+    """
+    if (answers / f"{name}.json").exists():
+        return
+    for attempt in range(REDRAWS):
+        try:
+            case = draw_case(seed, index, names, multiple, attempt)
+            more = detect(case)
+            break
+        except SimulationError:
+            if attempt == REDRAWS - 1:
+                raise
+    touch = touched(case)
+    more |= {"attempt": attempt, "touch_m": None if touch is None else touch.tolist()}
+    more |= {"nearest": nearest_laws(case)}
+    write_case(case, name, recordings, answers, **more)

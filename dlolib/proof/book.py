@@ -1,0 +1,73 @@
+"""The book of the proof: a row for every shard that was started, written before its diagnosis begins."""
+
+from __future__ import annotations
+
+import hashlib
+import subprocess
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from dlolib.errors import ParameterError
+from dlolib.files import write_csv
+
+RUNS = "runs.csv"
+COLUMNS = ("shard", "started", "commit", "version", "answers_sha256", "size", "state", "seed")
+
+
+def runs(book: Path) -> list[dict[str, Any]]:
+    """The rows of the book in this folder."""
+    if not (book / RUNS).exists():
+        return []
+    table = pd.read_csv(book / RUNS, dtype=str, keep_default_na=False)
+    return [{str(key): value for key, value in row.items()} for row in table.to_dict("records")]
+
+
+def note(book: Path, shard: str, answers: Path, size: int) -> None:
+    """Append a shard's row before its diagnosis begins."""
+    row = {
+        "shard": shard,
+        "started": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}",
+        "commit": _git("rev-parse", "HEAD"),
+        "version": version(),
+        "answers_sha256": seal(answers),
+        "size": str(size),
+        "state": "diagnosing",
+        "seed": "",
+    }
+    write_csv(book / RUNS, pd.DataFrame([*runs(book), row], columns=list(COLUMNS)))
+
+
+def settle(book: Path, shard: str, answers: Path, seed: int) -> None:
+    """Reveal a shard's seed and call it scored; its answers must be what they were."""
+    rows = runs(book)
+    for row in rows:
+        if row["shard"] == shard:
+            if row["answers_sha256"] != seal(answers):
+                raise ParameterError("the answers are not those that were sealed", file=answers)
+            row |= {"state": "scored", "seed": str(seed)}
+    write_csv(book / RUNS, pd.DataFrame(rows, columns=list(COLUMNS)))
+
+
+def seal(answers: Path) -> str:
+    """SHA-256 over the names and contents of a shard's answers, its seed among them."""
+    digest = hashlib.sha256()
+    for path in sorted(answers.glob("*.json")):
+        digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
+    return digest.hexdigest()
+
+
+def version() -> str:
+    """What dlolib is: git's hash of its tree, with `+changes` where the working tree differs.
+
+    Commits that only add results leave it alone, so that shards before and after them count together.
+    """
+    changed = "+changes" if _git("status", "--porcelain", "dlolib") else ""
+    return _git("rev-parse", "HEAD:dlolib") + changed
+
+
+def _git(*words: str) -> str:
+    done = subprocess.run(["git", *words], capture_output=True, text=True, check=True)
+    return done.stdout.strip()

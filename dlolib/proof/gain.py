@@ -1,0 +1,120 @@
+"""Is an effect there to be found? The laboratory's own answer, before any diagnosis and without noise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dlolib.errors import SimulationError
+from dlolib.proof.noise import whiten
+from dlolib.proof.play import play
+from dlolib.proof.world import Effects, Experiment
+from dlolib.types import Floats, Noise
+
+DETECTABLE = 40.0
+ROUNDS, ENOUGH, TRIAL = 8, 0.01, 1e-3
+# Gains are differences between ropes of the same bodies: fewer do (the table of the proof's report).
+GAIN_BODIES = 58
+
+
+@dataclass(frozen=True)
+class Gain:
+    """Chi-squared that the best other rope leaves, noise-free, and that rope's EI [N m²]."""
+
+    value: float
+    bending_stiffness: float
+
+
+def gain(
+    experiment: Experiment, effects: Effects, without: Effects, noise: Noise, bodies: int = GAIN_BODIES
+) -> Gain:
+    """How much better the true effects explain a recording than the best rope with `without` alone.
+
+    Gauss-Newton on EI, GJ and every parameter of `without`, by finite differences of the laboratory's own
+    simulation, whitened with the true noise. Stops as soon as the answer is below any doubt.
+
+    Args:
+        experiment: what is known.
+        effects: all that is in it.
+        without: what the other rope may have, started from the truth; nothing for the elastic one.
+        noise: the true one.
+        bodies: of both chains.
+    """
+    return left_over(experiment, play(experiment, effects, bodies), without, noise, bodies)
+
+
+def left_over(
+    experiment: Experiment,
+    truth: Floats,
+    without: Effects,
+    noise: Noise,
+    bodies: int,
+    doubtless: float = 0.25 * DETECTABLE,
+) -> Gain:
+    """What the best rope of this kind leaves of points (F, 30, 3) [m]; `doubtless`: so little is enough."""
+    start = _parameters(without)
+
+    def miss(change: Floats) -> Floats:
+        rope = replace(
+            experiment,
+            bending_stiffness=experiment.bending_stiffness * float(np.exp(change[0])),
+            torsional_stiffness=experiment.torsional_stiffness * float(np.exp(change[1])),
+        )
+        return whiten(play(rope, _changed(without, start, change[2:]), bodies) - truth, noise).ravel()
+
+    found, change = _descend(miss, np.zeros(2 + len(start)), doubtless)
+    return Gain(found, experiment.bending_stiffness * float(np.exp(change[0])))
+
+
+def _descend(miss: Callable[[Floats], Floats], change: Floats, doubtless: float) -> tuple[float, Floats]:
+    """Least sum of squares and where, by Gauss-Newton steps that are halved until they help."""
+    error = miss(change)
+    least = float(error @ error)
+    for _ in range(ROUNDS):
+        if least <= doubtless:
+            break
+        slopes = np.stack([(miss(change + TRIAL * side) - error) / TRIAL for side in np.eye(len(change))], 1)
+        step = -np.linalg.lstsq(slopes, error, rcond=1e-6)[0]
+        step = step * min(1.0, 0.5 / max(np.abs(step).max(), 1e-12))
+        better = _shorter(miss, change, np.asarray(step, dtype=float), least)
+        if better is None:
+            break
+        change, error = better
+        before, least = least, float(error @ error)
+        if before - least < ENOUGH * before:
+            break
+    return least, change
+
+
+def _shorter(
+    miss: Callable[[Floats], Floats], change: Floats, step: Floats, least: float
+) -> tuple[Floats, Floats] | None:
+    for share in (1.0, 0.5, 0.2):
+        try:
+            error = miss(change + share * step)
+        except SimulationError:
+            continue
+        if error @ error < least:
+            return change + share * step, error
+    return None
+
+
+def _parameters(effects: Effects) -> list[tuple[str, str, float]]:
+    """Effect, parameter and scale of a unit change, for everything that is not neutral."""
+    return [
+        (name, parameter, abs(value))
+        for name, values in effects.items()
+        for parameter, value in values.items()
+        if value != 0 and np.isfinite(value) and parameter not in ("inertia", "radius")
+    ]
+
+
+def _changed(
+    effects: Effects, parameters: list[tuple[str, str, float]], change: Floats
+) -> Mapping[str, Mapping[str, float]]:
+    changed = {name: dict(values) for name, values in effects.items()}
+    for (name, parameter, scale), part in zip(parameters, change, strict=True):
+        changed[name][parameter] += scale * float(part)
+    return changed

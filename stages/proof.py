@@ -1,0 +1,202 @@
+"""The blind proof (`make proof SHARDS=k SIZE=50`): recordings whose effects a secret seed drew, diagnosed.
+
+A shard is made, its row with the hash of its answers goes into reports/proof/runs.csv, then the diagnosis
+runs, then its seed is revealed and its verdicts are scored. An interrupted shard is taken up again by the
+next call, and its row stays whatever becomes of it. `--calibration` makes recordings with their answers
+beside them, under a seed of its own; they never count.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import secrets
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from dlolib.errors import ParameterError
+from dlolib.files import write_json
+from dlolib.progress import track
+from dlolib.proof import book
+from dlolib.proof.answer import make_recording
+from dlolib.proof.draw import draw_names
+from dlolib.proof.refine import refinement
+from dlolib.proof.score import owns_up, score, share, summarise
+from dlolib.proof.sizes import NAMES
+from stages import DATA, REPORTS, run
+
+WORK = DATA / "proof"
+RECORDINGS, SEALED, VERDICTS = WORK / "recordings", WORK / "sealed", WORK / "verdicts"
+CALIBRATION = WORK / "calibration"
+BOOK = REPORTS / "proof"
+COMMAND = "dlo diagnose {recording} --out {out}"
+WORKERS, LIMIT_S = 2, 1800
+CALIBRATION_NULLS, CALIBRATION_SIZE = 12, 3.0
+
+
+def main(*arguments: str) -> None:
+    asked = _options().parse_args(arguments)
+    if asked.refinement:
+        write_json(BOOK / "refinement.json", {"seed": asked.seed, "cases": refinement(asked.seed)})
+        return
+    if asked.calibration:
+        calibrate(asked.seed)
+        return
+    if asked.without:
+        write_json(BOOK / "without.json", without(asked.command))
+        return
+    for _ in range(asked.shards):
+        shard = unfinished() or begin(asked.size)
+        finish(shard, asked.command)
+    write_json(BOOK / "summary.json", totals())
+
+
+def _options() -> argparse.ArgumentParser:
+    options = argparse.ArgumentParser(prog="python -m stages.proof", description=__doc__)
+    options.add_argument("--shards", type=int, default=1, help="how many to finish")
+    options.add_argument("--size", type=int, default=50, help="recordings in a new shard, at most 50")
+    options.add_argument(
+        "--command", default=COMMAND, help="what diagnoses; {recording} and {out} are filled in"
+    )
+    options.add_argument("--without", action="store_true", help="scored singles, their effect taken out")
+    options.add_argument("--calibration", action="store_true", help="make recordings to set thresholds by")
+    options.add_argument("--refinement", action="store_true", help="what twice the bodies would change")
+    options.add_argument("--seed", type=int, default=1, help="of the calibration and the refinement")
+    return options
+
+
+def begin(size: int) -> str:
+    """Make a new shard's recordings and answers from a secret seed; its name."""
+    if not 1 <= size <= 50:
+        raise ParameterError(f"a shard of {size} recordings", mend="give 1 to 50")
+    shard = f"shard_{datetime.now(UTC):%Y%m%dT%H%M%S}"
+    seed = secrets.randbits(63)
+    write_json(SEALED / shard / "shard.json", {"seed": seed, "size": size})
+    return shard
+
+
+def unfinished() -> str | None:
+    """A shard that was begun here and not scored."""
+    begun = sorted(path.name for path in SEALED.glob("shard_*"))
+    scored = {row["shard"] for row in book.runs(BOOK) if row["state"] == "scored"}
+    return next((shard for shard in begun if shard not in scored), None)
+
+
+def finish(shard: str, command: str) -> None:
+    """Take a shard from wherever it stands to its score."""
+    sealed = json.loads((SEALED / shard / "shard.json").read_text())
+    make(sealed["seed"], draw_names(sealed["seed"], sealed["size"]), RECORDINGS / shard, SEALED / shard)
+    if shard not in {row["shard"] for row in book.runs(BOOK)}:
+        book.note(BOOK, shard, SEALED / shard, sealed["size"])
+    names = sorted(path.name for path in (RECORDINGS / shard).iterdir())
+    tasks = [(RECORDINGS / shard / name, VERDICTS / shard / name, command) for name in names]
+    together(ThreadPoolExecutor(WORKERS), diagnose, tasks, f"diagnosing {shard}")
+    rows = {name: score(_verdict(VERDICTS / shard / name), _answer(shard, name)) for name in names}
+    book.settle(BOOK, shard, SEALED / shard, sealed["seed"])
+    figures = summarise(list(rows.values()))
+    write_json(BOOK / f"{shard}.json", {"shard": shard, "summary": figures, "recordings": rows})
+
+
+def make(
+    seed: int,
+    names: Sequence[tuple[str, ...]],
+    recordings: Path,
+    answers: Path,
+    multiples: Sequence[float | None] | None = None,
+) -> None:
+    """Make what is not made yet."""
+    sizes = multiples or [None] * len(names)
+    tasks = [
+        (seed, index, which, f"{index:03d}", recordings, answers, multiple)
+        for index, (which, multiple) in enumerate(zip(names, sizes, strict=True))
+    ]
+    together(ProcessPoolExecutor(WORKERS), make_recording, tasks, "laboratory")
+
+
+def together(pool: Executor, work: Callable[..., None], tasks: Sequence[tuple[Any, ...]], what: str) -> None:
+    """Do all tasks, a few at a time."""
+    with pool:
+        waiting = [pool.submit(work, *task) for task in tasks]
+        for one in track(waiting, what):
+            one.result()
+
+
+def diagnose(recording: Path, verdict: Path, command: str) -> None:
+    """Run the diagnosis on a copy of the recording in a folder of its own, far from any answer."""
+    if (verdict / "done.json").exists():
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        copy, out = Path(folder) / recording.name, Path(folder) / "out"
+        shutil.copytree(recording, copy)
+        words = [word.format(recording=copy, out=out) for word in shlex.split(command)]
+        try:
+            done = subprocess.run(
+                words, cwd=folder, capture_output=True, text=True, timeout=LIMIT_S, check=False
+            )
+            status, said = done.returncode, done.stderr[-2000:]
+        except subprocess.TimeoutExpired:
+            status, said = -1, f"stopped after {LIMIT_S} s"
+        verdict.mkdir(parents=True, exist_ok=True)
+        if (out / "verdict.json").exists():
+            shutil.copy(out / "verdict.json", verdict / "verdict.json")
+        write_json(verdict / "done.json", {"exit_status": status, "stderr": said})
+
+
+def totals() -> dict[str, Any]:
+    """All scored shards of the last version of dlolib together; every started one is counted."""
+    started = book.runs(BOOK)
+    scored = [row for row in started if row["state"] == "scored"]
+    last = scored[-1]["version"] if scored else None
+    shards = [row["shard"] for row in scored if row["version"] == last]
+    files = [json.loads((BOOK / f"{shard}.json").read_text()) for shard in shards]
+    rows = [row for one in files for row in one["recordings"].values()]
+    counts = {"started": len(started), "scored": len(scored), "version": last, "shards": shards}
+    return counts | summarise(rows)
+
+
+def without(command: str) -> dict[str, Any]:
+    """Diagnose what was found alone once more with that effect taken out of the library."""
+    rows = []
+    for shard in totals()["shards"]:
+        scored = json.loads((BOOK / f"{shard}.json").read_text())["recordings"]
+        found = {name: row for name, row in scored.items() if row["detectable"] == row["true"]}
+        alone = {name: row["true"][0] for name, row in found.items() if len(row["true"]) == 1}
+        apart = VERDICTS / f"{shard}_without"
+        tasks = [
+            (RECORDINGS / shard / name, apart / name, f"{command} --without {effect}")
+            for name, effect in alone.items()
+        ]
+        together(ThreadPoolExecutor(WORKERS), diagnose, tasks, f"diagnosing {shard} without")
+        for name, effect in alone.items():
+            row = {"shard": shard, "name": name, "effect": effect}
+            rows.append(row | {"owned_up": owns_up(_verdict(apart / name), effect)})
+    return {"owned_up": share(sum(row["owned_up"] for row in rows), len(rows)), "recordings": rows}
+
+
+def calibrate(seed: int) -> None:
+    """Nulls and every effect alone at three times the size that is found; answers beside the recordings."""
+    names: list[tuple[str, ...]] = [() for _ in range(CALIBRATION_NULLS)] + [(name,) for name in NAMES]
+    sizes = [CALIBRATION_SIZE if which else None for which in names]
+    folder = CALIBRATION / f"seed_{seed}"
+    make(seed, names, folder / "recordings", folder / "answers", sizes)
+
+
+def _verdict(folder: Path) -> dict[str, Any] | None:
+    path = folder / "verdict.json"
+    return json.loads(path.read_text()) if path.exists() else None
+
+
+def _answer(shard: str, name: str) -> dict[str, Any]:
+    return dict(json.loads((SEALED / shard / f"{name}.json").read_text()))
+
+
+if __name__ == "__main__":
+    run(main, *sys.argv[1:])

@@ -1,0 +1,110 @@
+"""The draw: the same from the same seed, even over the effects, in the style of data/practice."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dlolib.formats import read_recording
+from dlolib.proof import place, play
+from dlolib.proof.chain import Sizes
+from dlolib.proof.draw import draw_case, draw_names
+from dlolib.proof.gain import gain
+from dlolib.proof.motions import KINDS, Arc, Plan, make_motion
+from dlolib.proof.noise import draw_noise, whiten
+from dlolib.proof.play import seen_times
+from dlolib.proof.sizes import FOUND, NAMES, SAMPLERS
+from dlolib.proof.world import Experiment, free_length
+from dlolib.proof.write import recording, truth, write_case
+from dlolib.types import Noise
+
+WHITE = Noise(0.0015, 0.0, 0.0)
+
+
+def plan(kind: str = "plain") -> Plan:
+    """The motion of data/practice."""
+    return Plan(kind, 0.42, 0.12, Arc(np.radians(30), 2.09), Arc(np.radians(-70), 1.83), 2.0, 0.05)
+
+
+def small(kind: str = "plain") -> Experiment:
+    """A few frames of it."""
+    motion, frames = make_motion(plan(kind), Sizes())
+    return Experiment(motion, frames[[0, 40, 60, 80, 113]], 3e-4, 3e-4)
+
+
+def test_every_effect_has_a_size_and_a_sampler() -> None:
+    assert set(SAMPLERS) == set(FOUND) == set(NAMES)
+    assert len(NAMES) == 20
+
+
+def test_names_go_round_all_effects() -> None:
+    names = draw_names(5, 50)
+    assert names == draw_names(5, 50) != draw_names(6, 50)
+    assert sum(not one for one in names) == 25
+    alone = [one[0] for one in names if len(one) == 1]
+    assert len(alone) == len(set(alone)) == 14
+    assert all(len(set(one)) == len(one) for one in names)
+
+
+def test_a_seed_draws_the_same_case(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(place, "play", lambda experiment: play.play(experiment, bodies=29))
+    monkeypatch.setattr("dlolib.proof.draw.play", lambda *given: play.play(*given, bodies=29))
+    first, again = (draw_case(7, 3, ("mass_profile", "clock_offset")) for _ in range(2))
+    np.testing.assert_array_equal(first.points_m, again.points_m)
+    np.testing.assert_array_equal(first.noise_m, again.noise_m)
+    assert truth(first) == truth(again)
+    write_case(first, "000", tmp_path / "recordings", tmp_path / "answers")
+    read = read_recording(tmp_path / "recordings/000")
+    assert len(np.unique(read.points.frame)) == 114
+    assert read.static_frames == (0, 29)
+    assert read.noise is None and read.position_noise_m is None
+    assert "mass_profile" not in (tmp_path / "recordings/000/recording.json").read_text()
+    assert recording(first, "000").points.xyz_m.shape == read.points.xyz_m.shape
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_motions_are_smooth_and_start_standing(kind: str) -> None:
+    motion, frames = make_motion(plan(kind), Sizes())
+    assert len(frames) == 114
+    assert np.isin(frames, motion.t_s).all()
+    assert np.linalg.norm(np.diff(motion.end_m, axis=0), axis=1).max() < 2e-3
+    assert np.ptp(motion.end_m[30:60], axis=0).max() == 0
+    assert (np.sum(motion.end_q[1:] * motion.end_q[:-1], axis=1) > 0.99).all()
+
+
+def test_whitened_noise_is_white() -> None:
+    noise = Noise(0.0015, 1.5, 0.7)
+    drawn = draw_noise(np.random.default_rng(0), noise, (300, 30, 3))
+    assert drawn.std() == pytest.approx(0.0015, rel=0.05)
+    assert np.mean(drawn[:, 1:] * drawn[:, :-1]) / 0.0015**2 == pytest.approx(np.exp(-1 / 1.5), rel=0.1)
+    white = whiten(drawn, noise)
+    assert np.mean(white**2) == pytest.approx(1, rel=0.03)
+    assert abs(np.mean(white[:, 1:] * white[:, :-1])) < 0.03
+
+
+def test_measurement_effects_are_as_the_formats_say() -> None:
+    experiment = small()
+    np.testing.assert_allclose(
+        seen_times(experiment, {"clock_offset": {"time": 0.2}})[1:], experiment.frame_t_s[1:] - 0.2
+    )
+    slip = {"grasp_slip": {"length": 0.004, "time": 20.0, "duration": 1.0}}
+    assert [free_length(experiment, slip, t) for t in (0.0, 20.0, 40.0)] == pytest.approx(
+        [0.445, 0.443, 0.441]
+    )
+    base = play.play(experiment, bodies=29)
+    pose = {"rotation_1": 0.0, "rotation_2": 0.0, "rotation_3": 0.001, "depth": 0.002}
+    seen = play.play(experiment, {"camera_pose": pose}, bodies=29)
+    np.testing.assert_allclose(seen[:, 0], base[:, 0] + [0, 0.002, 0], atol=1e-12)
+    np.testing.assert_allclose(seen[:, -1, 1] - base[:, -1, 1] - 0.002, 0.001 * base[:, -1, 0], rtol=1e-3)
+
+
+def test_a_gain_is_nothing_for_what_an_elastic_rope_can_be() -> None:
+    experiment = small()
+    lump = {"mass_profile": {"s": 0.2, "mass": 0.004, "gradient": 0.0}}
+    assert gain(experiment, {}, {}, WHITE, bodies=29).value == 0
+    assert gain(experiment, lump, lump, WHITE, bodies=29).value == 0
+    found = gain(experiment, lump, {}, WHITE, bodies=29)
+    assert found.value > 5
+    softer = replace(experiment, bending_stiffness=2.8e-4)
+    miss = play.play(softer, bodies=29) - play.play(experiment, lump, bodies=29)
+    assert found.value < np.sum(whiten(miss, WHITE) ** 2)

@@ -1,0 +1,114 @@
+"""Each law of the laboratory: what makes it that law, and how it differs from the fitter's form."""
+
+import numpy as np
+import pytest
+
+from dlolib.proof.forms import FORMS, nearest_parameters
+from dlolib.proof.laws import RELEASES, TIMES, Elastic, Law, creeping, rubbing, yielding
+from dlolib.types import Floats
+
+EI = 3e-4
+UNIFORM = np.full((1, 2), EI)
+
+
+def drive(law: Law, path: Floats, step_s: float = 0.1) -> Floats:
+    """Moments along a path of curvatures about the first axis."""
+    found = []
+    for kappa in path:
+        curvature = np.array([[kappa, 0.0]])
+        found.append(law.moments(curvature, step_s)[0][0, 0])
+        law.keep(curvature, step_s)
+    return np.array(found)
+
+
+def loop_work(law: Law, most: float) -> float:
+    """Work done on a closed loop, past the first loading."""
+    path = np.concatenate([np.linspace(0, most, 50), most * np.cos(np.linspace(0, 4 * np.pi, 401))])
+    moments = drive(law, path)[50 + 200 :]
+    turns = path[50 + 200 :]
+    return float(np.sum(0.5 * (moments[1:] + moments[:-1]) * np.diff(turns)))
+
+
+LAWS = {
+    "yielding": lambda: yielding(UNIFORM, EI, 8.0, 0.2),
+    "rubbing": lambda: rubbing(EI, 1.5, 3.0, 1),
+    "creeping": lambda: creeping(UNIFORM, 0.4, 6.0),
+}
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_closed_loops_dissipate(name: str) -> None:
+    assert loop_work(LAWS[name](), 20.0) > 1e-4
+
+
+def test_elastic_loops_do_not() -> None:
+    assert loop_work(Elastic(UNIFORM, np.zeros(2), 1e-3), 20.0) == pytest.approx(0, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", [*LAWS, "elastic", "softening"])
+def test_slopes_are_differences(name: str) -> None:
+    more = {
+        "elastic": lambda: Elastic(UNIFORM, np.array([0.5, -0.3]), 1e-3),
+        "softening": lambda: Elastic(UNIFORM, np.zeros(2), -1e-3),
+    }
+    law = (LAWS | more)[name]()
+    law.keep(np.array([[9.0, 2.0]]), 0.1)
+    curvature, step = np.array([[11.0, -1.0]]), 1e-5
+    slopes = law.moments(curvature, 0.1)[1][0]
+    for axis, side in enumerate(np.eye(2) * step):
+        change = law.moments(curvature + side, 0.1)[0] - law.moments(curvature - side, 0.1)[0]
+        np.testing.assert_allclose(slopes[:, axis], change[0] / (2 * step), rtol=1e-5, atol=1e-9)
+
+
+def test_yield_is_a_rounded_bilinear_law() -> None:
+    """Elastic before the first slider lets go, EI H / (1 + H) past the last, the bilinear moment there."""
+    moments = drive(yielding(UNIFORM, EI, 8.0, 0.2), np.array([5.0, 12.0, 14.0]))
+    assert moments[0] == pytest.approx(5 * EI)
+    assert (moments[2] - moments[1]) / 2 == pytest.approx(EI * 0.2 / 1.2)
+    assert moments[1] == pytest.approx((8 + 4 * 0.2 / 1.2) * EI)
+
+
+def test_yield_is_a_norm_over_both_axes() -> None:
+    law = yielding(UNIFORM, EI, 8.0, 0.0)
+    for angle in (0.0, 0.7, 2.0):
+        curvature = 30 * np.array([[np.cos(angle), np.sin(angle)]])
+        assert np.linalg.norm(law.moments(curvature, 0.0)[0]) == pytest.approx(8 * EI)
+
+
+def test_first_loading_of_rubbing_is_near_dahls() -> None:
+    """On the corners it is Dahl's 1 - exp(-κ / trans), over what is left at the last of them."""
+    moments = drive(rubbing(EI, 1.5, 3.0, 1), 3.0 * RELEASES)
+    dahl = 1.5 * EI * -np.expm1(-RELEASES) / -np.expm1(-RELEASES[-1])
+    np.testing.assert_allclose(moments, dahl, rtol=1e-9)
+
+
+def test_creeping_relaxes_by_two_times() -> None:
+    law = creeping(UNIFORM, 0.4, 6.0)
+    law.keep(np.array([[10.0, 0.0]]), 0.0)
+    later = law.moments(np.array([[10.0, 0.0]]), 4.0)[0][0, 0]
+    assert later == pytest.approx(0.5 * 0.4 * EI * 10 * np.exp(-4 / (6 * TIMES)).sum())
+
+
+@pytest.mark.parametrize("cubic", [1e-3, -1e-3])
+def test_hyperbolic_laws_are_cubic_while_gentle_and_differ_beyond(cubic: float) -> None:
+    law = Elastic(UNIFORM, np.zeros(2), cubic)
+    gentle, strong = drive(law, np.array([2.0, 25.0]))
+    assert gentle == pytest.approx(EI * 2 * (1 + cubic * 4), rel=1e-4)
+    assert abs(strong / (EI * 25 * (1 + cubic * 625)) - 1) > 0.02
+
+
+PLANTED = {
+    "plastic_bending": {"yield_curvature": 8.0, "hardening_ratio": 0.2},
+    "internal_friction": {"saturation_curvature": 1.5, "transition_curvature": 3.0},
+    "viscoelastic_bending": {"modulus_ratio": 0.4, "relaxation_time": 6.0},
+    "nonlinear_bending": {"cubic": 1e-4},
+}
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_our_law_nearest_to_the_laboratorys_is_not_far(name: str) -> None:
+    """Friction's transition is the exception: a Prandtl stack turns round over twice its first loading's."""
+    found = nearest_parameters(name, PLANTED[name], 22.0)
+    for key, value in PLANTED[name].items():
+        assert found[key] == pytest.approx(value, rel=1.0 if key == "transition_curvature" else 0.15)
+        assert found[key] != value

@@ -1,0 +1,108 @@
+"""Right, tied, confidently wrong: made-up verdicts against made-up answers."""
+
+from typing import Any
+
+import pytest
+
+from dlolib.proof.score import outcome, owns_up, score, share, summarise
+
+
+def answer(*names: str, detectable: tuple[str, ...] | None = None, gain: float = 100.0) -> dict[str, Any]:
+    found = names if detectable is None else detectable
+    return {
+        "effects": list(names),
+        "detectable": list(found),
+        "elastic_gain": gain if names else 0.0,
+        "parameters": {name: {"s": 0.2, "mass": 0.001, "gradient": 0.0} for name in names},
+        "bending_stiffness": 3e-4,
+        "nearest": {},
+        "touch_m": None,
+    }
+
+
+def verdict(
+    status: str, *names: str, tie: tuple[tuple[str, ...], ...] = (), s: float = 0.2
+) -> dict[str, Any]:
+    place = {"value": s, "low": s - 0.005, "high": s + 0.005, "unit": "m"}
+    stiffness = {"value": 3.3e-4, "low": 3.2e-4, "high": 3.4e-4, "unit": "N m^2"}
+    better = {"value": 3.01e-4, "low": 2.9e-4, "high": None, "unit": "N m^2"}
+    return {
+        "status": status,
+        "effects": [{"name": name, "parameters": {"s": place}} for name in names],
+        "equivalent": [list(one) for one in tie],
+        "baseline": {"parameters": {"bending_stiffness": stiffness}},
+        "augmented": {"parameters": {"bending_stiffness": better}},
+    }
+
+
+LUMP, SPOT, CLOCK = "mass_profile", "stiffness_profile", "clock_offset"
+FOUR = ((SPOT,), (CLOCK,), (LUMP,), (LUMP, SPOT))
+
+
+@pytest.mark.parametrize(
+    ("said", "true", "judged"),
+    [
+        (verdict("no_mismatch"), answer(), "right"),
+        (verdict("explained", LUMP), answer(), "wrong"),
+        (verdict("unexplained"), answer(), "undecided"),
+        (verdict("explained", LUMP), answer(LUMP), "right"),
+        (verdict("explained", SPOT), answer(LUMP), "wrong"),
+        (verdict("no_mismatch"), answer(LUMP), "missed"),
+        (verdict("no_mismatch"), answer(LUMP, detectable=(), gain=9.0), "right"),
+        (verdict("explained", LUMP), answer(LUMP, detectable=(), gain=9.0), "right"),
+        (verdict("ambiguous", SPOT, tie=((SPOT,), (LUMP,))), answer(LUMP), "tied"),
+        (verdict("ambiguous", SPOT, tie=((SPOT,), (CLOCK,))), answer(LUMP), "undecided"),
+        (
+            verdict("ambiguous", SPOT, tie=FOUR),
+            answer(LUMP),
+            "undecided",
+        ),
+        (verdict("explained", LUMP), answer(LUMP, SPOT), "wrong"),
+        (verdict("explained", SPOT, LUMP), answer(LUMP, SPOT), "right"),
+        (verdict("explained", LUMP), answer(LUMP, SPOT, detectable=(LUMP,)), "right"),
+        (verdict("explained", SPOT), answer(LUMP, SPOT, detectable=(LUMP,)), "wrong"),
+        (verdict("no_mismatch"), answer(LUMP, SPOT, detectable=()), "missed"),
+        (verdict("explained", SPOT), answer(LUMP, SPOT, detectable=()), "right"),
+        (None, answer(LUMP), "failed"),
+    ],
+)
+def test_outcomes(said: dict[str, Any] | None, true: dict[str, Any], judged: str) -> None:
+    assert outcome(said, true) == judged
+
+
+def test_the_summary_counts() -> None:
+    rows = [
+        score(verdict("explained", LUMP, s=0.203), answer(LUMP)),
+        score(verdict("explained", LUMP, s=0.25), answer(LUMP)),
+        score(verdict("explained", SPOT), answer(LUMP)),
+        score(verdict("no_mismatch"), answer()),
+        score(verdict("explained", SPOT), answer()),
+        score(verdict("explained", SPOT, LUMP), answer(LUMP, SPOT)),
+        score(verdict("no_mismatch"), answer(CLOCK)),
+    ]
+    figures = summarise(rows)
+    assert figures["detectable"] == 5
+    assert figures["right_or_tied"]["share"] == pytest.approx(3 / 5)
+    assert figures["confidently_wrong"]["count"] == 2
+    assert figures["missed"]["count"] == 1
+    assert figures["false_alarms"]["count"] == 1
+    assert figures["pairs_both_named"]["share"] == 1
+    assert figures["place"] == share(3, 4)
+    assert figures["coverage"]["mass_profile.s"]["count"] == 2
+    assert figures["stiffness_bias"]["ratio"] == pytest.approx(1 / 30)
+    assert figures["by_effect"][LUMP] == {"right": 2, "wrong": 1}
+    assert {"true": CLOCK, "said": "no_mismatch", "count": 1} in figures["confusion"]
+
+
+def test_wilsons_interval() -> None:
+    half = share(5, 10)
+    assert (half["low"], half["high"]) == pytest.approx((0.2366, 0.7634), abs=1e-4)
+    assert share(0, 0)["share"] is None
+
+
+def test_without_its_effect_a_diagnosis_owns_up_or_names_the_twin() -> None:
+    assert owns_up(verdict("unexplained"), LUMP)
+    assert owns_up(verdict("explained", "internal_friction"), "plastic_bending")
+    assert not owns_up(verdict("explained", SPOT), LUMP)
+    assert not owns_up(verdict("no_mismatch"), LUMP)
+    assert not owns_up(None, LUMP)

@@ -1,0 +1,104 @@
+"""A shard: noted before it is diagnosed, sealed, resumed, revealed after; and blind."""
+
+import csv
+import json
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from dlolib.errors import ParameterError
+from dlolib.proof import book
+from stages import proof
+from tests.pipeline.imports import import_graph
+
+SAYS = """
+import json, sys
+from pathlib import Path
+recording, out = Path(sys.argv[1]), Path(sys.argv[2])
+assert {path.name for path in Path.cwd().iterdir()} == {recording.name}, "more than the recording"
+assert {path.name for path in recording.iterdir()} == {"recording.json", "motion.csv", "points.csv"}
+note = Path(sys.argv[3]).read_text()
+assert "diagnosing" in note, "not noted yet"
+out.mkdir()
+stiffness = {"bending_stiffness": {"value": 3e-4, "low": None, "high": None, "unit": "N m^2"}}
+part = {"parameters": stiffness}
+verdict = {"status": "no_mismatch", "effects": [], "equivalent": [], "baseline": part, "augmented": part}
+(out / "verdict.json").write_text(json.dumps(verdict))
+"""
+
+
+@pytest.fixture
+def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """A diagnosis that sees nothing, in a fresh working folder whose shards hold nulls alone."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(proof, "draw_names", lambda seed, size: [()] * size)
+    monkeypatch.setattr(proof, "ProcessPoolExecutor", proof.ThreadPoolExecutor)
+    (tmp_path / "dlolib").mkdir()
+    (tmp_path / "dlolib/diagnose.py").touch()
+    for words in (["git", "init", "-q"], ["git", "add", "dlolib"], ["git", "commit", "-q", "-m", "x"]):
+        who = ["-c", "user.name=x", "-c", "user.email=x@x"]
+        subprocess.run([words[0], *who, *words[1:]], check=True)
+    (tmp_path / "says.py").write_text(SAYS)
+    noted = tmp_path / "reports/proof/runs.csv"
+    return shlex.join([sys.executable, str(tmp_path / "says.py"), "{recording}", "{out}", str(noted)])
+
+
+def rows() -> list[dict[str, str]]:
+    return list(csv.DictReader(Path("reports/proof/runs.csv").open()))
+
+
+def test_a_shard_is_noted_then_diagnosed_then_revealed(command: str) -> None:
+    proof.main("--size", "2", "--command", command)
+    (row,) = rows()
+    assert row["state"] == "scored"
+    shard = Path("data/proof/sealed") / row["shard"]
+    assert row["seed"] == str(json.loads((shard / "shard.json").read_text())["seed"])
+    assert row["answers_sha256"] == book.seal(shard)
+    summary = json.loads(Path("reports/proof/summary.json").read_text())
+    assert (summary["recordings"], summary["false_alarms"]["count"]) == (2, 0)
+    written = json.loads(Path(f"reports/proof/{row['shard']}.json").read_text())
+    assert written["recordings"].keys() == {"000", "001"}
+
+
+def test_an_interrupted_shard_stays_in_the_book_and_is_taken_up_again(
+    command: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as broken:
+        broken.setattr(proof, "diagnose", lambda *_: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            proof.main("--size", "1", "--command", command)
+    (row,) = rows()
+    assert (row["state"], row["seed"]) == ("diagnosing", "")
+    proof.main("--size", "1", "--command", command)
+    (again,) = rows()
+    assert again["shard"] == row["shard"]
+    assert again["state"] == "scored"
+
+
+def test_changed_answers_are_refused(command: str) -> None:
+    proof.main("--size", "1", "--command", command)
+    (row,) = rows()
+    changed = Path("data/proof/sealed") / row["shard"] / "000.json"
+    changed.write_text(changed.read_text() + " ")
+    with pytest.raises(ParameterError, match="sealed"):
+        book.settle(proof.BOOK, row["shard"], changed.parent, 1)
+
+
+def test_the_laboratory_shares_nothing_with_what_infers() -> None:
+    graph = import_graph()
+    ours = {"dlolib.sim", "dlolib.identify", "dlolib.learn", "dlolib.chain", "dlolib.diagnose"}
+    reached = graph.find_upstream_modules("stages.proof")
+    assert not {module for module in reached if ".".join(module.split(".")[:2]) in ours}
+
+
+def test_what_infers_cannot_reach_the_laboratory() -> None:
+    graph = import_graph()
+    for package in ("dlolib.sim", "dlolib.identify", "dlolib.diagnose", "dlolib.cli"):
+        if package not in graph.modules:
+            continue
+        inside = {package} | graph.find_descendants(package)
+        for module in inside:
+            assert not any(name.startswith("dlolib.proof") for name in graph.find_upstream_modules(module))
