@@ -12,9 +12,9 @@ from dlolib.diagnose.decide import Decision, decide, probabilities, slow_modes
 from dlolib.diagnose.detect import Size, asked, detectable
 from dlolib.diagnose.heldout import Foretold, black_box, foretell
 from dlolib.diagnose.locate import Reversal, Scan, reversal, scan
-from dlolib.diagnose.noise import Whitener, estimate_noise, grid_of
+from dlolib.diagnose.noise import Whitener, estimate_noise, grid_of, tells_noise
 from dlolib.diagnose.say import named, summary
-from dlolib.diagnose.search import Searched, runner, search
+from dlolib.diagnose.search import Searched, baseline, runner, search
 from dlolib.diagnose.study import Bools, DiagnoseSettings, Fitted, Study, seen_as
 from dlolib.errors import ParameterError
 from dlolib.identify.identify import rms
@@ -38,6 +38,8 @@ FEWEST_POINTS, FEWEST_FRAMES = 12, 2
 SPLIT = 8
 Z95 = 1.959964
 NEXT = "next_motion.csv"
+# What the noise is taken for until an elastic rod is fitted.
+FIRST_NOISE = Noise(1e-3, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,7 @@ def diagnose(recordings: Sequence[Recording], settings: DiagnoseSettings) -> Dia
     """
     _check(recordings)
     used = [_fitted_points(recording, settings) for recording in recordings]
-    noises = [_noise(recording, mine, settings) for recording, mine in zip(recordings, used, strict=True)]
+    noises = _noises(recordings, used, settings)
     study = _study(recordings, used, noises, settings)
     heldout = _heldout(recordings, used, noises, settings)
     with runner(study, settings.workers) as run:
@@ -123,10 +125,24 @@ def _fitted_points(recording: Recording, settings: DiagnoseSettings) -> Bools:
     return np.asarray(frame < frames[kept]) if kept < len(frames) else np.ones(len(frame), dtype=bool)
 
 
-def _noise(recording: Recording, used: Bools, settings: DiagnoseSettings) -> tuple[Noise, str]:
-    """Of a recording; where nothing stands still, from what an elastic rod leaves of it."""
-    planar = [0, 2] if recording.planar == "xz" else [0, 1, 2]
-    return estimate_noise(recording, recording.points.xyz_m[:, planar], used)
+def _noises(
+    recordings: Sequence[Recording], used: Sequence[Bools], settings: DiagnoseSettings
+) -> list[tuple[Noise, str]]:
+    """Of each recording; where nothing stands still, from the quick part of what an elastic rod leaves."""
+    left = [recording.points.xyz_m for recording in recordings]
+    if not all(tells_noise(recording) for recording in recordings):
+        first = _study(recordings, used, [(FIRST_NOISE, "")] * len(recordings), settings)
+        base = baseline(first)
+        left = []
+        for k, (recording, mine) in enumerate(zip(recordings, used, strict=True)):
+            off = np.zeros_like(recording.points.xyz_m)
+            off[mine] = _simulated(first, base, k) - recording.points.xyz_m[mine]
+            left.append(off)
+    found = []
+    for recording, off, mine in zip(recordings, left, used, strict=True):
+        planar = [0, 2] if recording.planar == "xz" else [0, 1, 2]
+        found.append(estimate_noise(recording, off[:, planar], mine))
+    return found
 
 
 def _study(

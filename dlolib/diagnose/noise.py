@@ -25,6 +25,8 @@ MOST_POINTS = 900
 SMOOTH_S, SMOOTH_T = 10, 5
 # Correlation lengths beyond these are a systematic error and no noise.
 LONGEST = 10.0
+# Frames that show one pose tell the noise if they are so many; a pose is the same within this [m, or of 1].
+FEWEST_STILL, SAME = 3, 1e-6
 
 
 @dataclass(frozen=True)
@@ -142,15 +144,35 @@ def estimate_noise(recording: Recording, residual_m: Floats, used: np.ndarray) -
     """
     if recording.noise is not None:
         return recording.noise, "recording.json: noise"
-    points = recording.points
+    still = _still(recording)
+    if still is not None:
+        values = recording.points.xyz_m[:, [0, 2] if recording.planar == "xz" else [0, 1, 2]]
+        first, last = recording.points.frame[still][[0, -1]]
+        noise = _likeliest(recording, values, still, still_shape=True)
+        return _known_deviation(recording, noise), f"frames {first} to {last}, which stand still"
+    noise = _likeliest(recording, residual_m, used, still_shape=False)
+    return _known_deviation(recording, noise), "quick part of the residuals"
+
+
+def tells_noise(recording: Recording) -> bool:
+    """Whether the noise can be had without any rod: it is given, or some frames show one pose."""
+    return recording.noise is not None or _still(recording) is not None
+
+
+def _still(recording: Recording) -> np.ndarray | None:
+    """The points of the static frames (P,), or of all frames where all show one pose; None: too few."""
+    points, motion = recording.points, recording.motion
+    still = None
     if recording.static_frames is not None:
         first, last = recording.static_frames
         still = (points.frame >= first) & (points.frame <= last)
-        if len(np.unique(points.frame[still])) >= 3:
-            noise = _likeliest(recording, points.xyz_m[:, : residual_m.shape[1]], still, still_shape=True)
-            return _known_deviation(recording, noise), f"static frames {first} to {last}"
-    noise = _likeliest(recording, residual_m, used, still_shape=False)
-    return _known_deviation(recording, noise), "quick part of the residuals"
+    elif recording.quasi_static and len(motion.t_s) <= len(np.unique(points.frame)):
+        rows = np.hstack([motion.start_m, motion.start_q, motion.end_m, motion.end_q])
+        if np.nanmax(np.ptp(rows, axis=0), initial=0.0) < SAME:
+            still = np.ones(len(points.frame), dtype=bool)
+    if still is None or len(np.unique(points.frame[still])) < FEWEST_STILL:
+        return None
+    return still
 
 
 def _known_deviation(recording: Recording, noise: Noise) -> Noise:

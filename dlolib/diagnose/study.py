@@ -26,6 +26,8 @@ from dlolib.types import Floats, Recording
 UNSOLVED = 1e3
 # A dynamic roll-out of a quasi-static recording takes no more steps than this.
 MOST_STEPS = 1000
+# Softest and stiffest rope over its density: a hair, and a rod of steel as thick as an arm.
+STIFFNESSES_M4_S2 = (1e-8, 1e6)
 # A stiffness whose neutral value is infinite is not sought beyond this times its largest start.
 AS_GOOD_AS_RIGID = 1e3
 Bools = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
@@ -113,7 +115,10 @@ class Study:
     def bounds(self, unknown: Unknown) -> tuple[float, float]:
         """Of the fit's own coordinate: a place is on the rope, a time in the recording."""
         if unknown.stiffness:
-            return unknown.bounds
+            density = self.seen[0].recording.rope.linear_density_kg_m or 1.0
+            return unknown.inward(STIFFNESSES_M4_S2[0] * density), unknown.inward(
+                STIFFNESSES_M4_S2[1] * density
+            )
         low, high = unknown.bounds
         known = parameter(unknown.name)
         rope, (begin, end) = self.seen[0].recording.rope, self.span_s

@@ -21,8 +21,11 @@ TOLERANCE = 1e-8
 MOST_ITERATIONS = 1000
 # Parameters whose sides are looked at in one launch: a launch costs as much as the forces of some 100 steps.
 TOGETHER = 8
-# Damped motion to an equilibrium: steps of one length, the first and last length [s], and how often at most.
-RELAXING, RELAXING_S, MOST_RELAXING = 5, (0.01, 10.0), 40
+# Damped motion to an equilibrium: steps of one length, the first and last length [s], how often at most, and
+# how much longer each time.
+RELAXING, RELAXING_S, MOST_RELAXING, LONGER = 5, (0.01, 10.0), 16, 3.0
+# A rope that snaps more often than this is on the edge of two shapes all the way.
+MOST_SNAPS = 4
 # A rope that is held this share longer than it is would tear; one that may stretch, this many times further
 # than under its own weight.
 TORN, TORN_OVER_WEIGHT = 0.05, 30.0
@@ -219,7 +222,7 @@ def relax(scene: Scene, state: State, path: Path, fresh: bool = False) -> Rollou
             step_s /= 4
             continue
         state = moved.final
-        step_s *= 1.5
+        step_s *= LONGER
         if step_s > RELAXING_S[1]:
             rest, status = _launch(scene, state, path.still(1), Clock(None, fresh=fresh))
             if not status.any():
@@ -258,7 +261,9 @@ def _launch(scene: Scene, state: State, path: Path, clock: Clock) -> tuple[Rollo
 def _snap(rollout: Rollout, status: np.ndarray, rope: int) -> None:
     """Mend in place the steps of one rope that were not solved: each by damped motion, then on from there."""
     alone = rollout.scene.of(rope)
-    while status[rope].any():
+    for _ in range(MOST_SNAPS):
+        if not status[rope].any():
+            return
         step = int(np.argmax(status[rope] != 0))
         held = rollout.path.of(rope, step)
         x, q = rollout.x[[rope], step], rollout.q[[rope], step]

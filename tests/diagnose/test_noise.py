@@ -60,7 +60,7 @@ def test_a_points_own_covariance_counts() -> None:
 def test_numbers_are_found_again(points: float, frames: float) -> None:
     made, values = noisy(Noise(SIGMA, points, frames), lost=0.05)
     found, source = estimate_noise(made, np.zeros_like(values), np.ones(len(values), dtype=bool))
-    assert source == "static frames 0 to 29"
+    assert source == "frames 0 to 29, which stand still"
     assert found.sigma_m == pytest.approx(SIGMA, rel=0.08)
     for value, true in ((found.correlation_points, points), (found.correlation_frames, frames)):
         # correlation of neighbours, which is what matters
