@@ -16,7 +16,7 @@ from dlolib.diagnose.noise import Whitener, estimate_noise, grid_of, tells_noise
 from dlolib.diagnose.say import named, summary
 from dlolib.diagnose.search import Searched, baseline, runner, search
 from dlolib.diagnose.study import Bools, DiagnoseSettings, Fitted, Study, seen_as
-from dlolib.errors import ParameterError
+from dlolib.errors import ParameterError, SimulationError
 from dlolib.identify.identify import rms
 from dlolib.identify.problem import axes
 from dlolib.sim.rod import unit_of
@@ -79,7 +79,7 @@ def diagnose(recordings: Sequence[Recording], settings: DiagnoseSettings) -> Dia
         )
     scans = tuple(scan(study, searched.baseline, k, settings.seed) for k in range(len(recordings)))
     motion = next_motion(study, *decision.tie[:2]) if len(decision.tie) > 1 else None
-    foretold = _foretold(study, heldout, searched, decision)
+    foretold = _foretold(study, heldout, searched)
     verdict = _verdict(
         study, searched, decision, scans, noises, foretold, heldout, tuple(seen), motion, settings
     )
@@ -167,13 +167,17 @@ def _heldout(
     return _study(recordings, [~mine for mine in used], noises, settings)
 
 
-def _foretold(
-    study: Study, heldout: Study | None, searched: Searched, decision: Decision
-) -> dict[tuple[str, ...], Foretold]:
-    """Of the baseline and every model, by its effects; those far from the best are not worth the time."""
+def _foretold(study: Study, heldout: Study | None, searched: Searched) -> dict[tuple[str, ...], Foretold]:
+    """Of the baseline and every model that the held-out motion can be simulated with, by its effects."""
+    found: dict[tuple[str, ...], Foretold] = {}
     if heldout is None:
-        return {}
-    return {one.effects: foretell(study, heldout, one) for one in (searched.baseline, *searched.models)}
+        return found
+    for one in (searched.baseline, *searched.models):
+        try:
+            found[one.effects] = foretell(study, heldout, one)
+        except SimulationError:
+            continue
+    return found
 
 
 def _simulated(study: Study, model: Fitted, k: int) -> Floats:
@@ -245,7 +249,7 @@ def _candidates(
     )
 
     def change(ahead: Foretold | None) -> tuple[float | None, float | None, float | None]:
-        if ahead is None:
+        if ahead is None or base.effects not in foretold:
             return None, None, None
         return (*ahead.against(foretold[base.effects]), ahead.rmse_m)
 
@@ -259,7 +263,7 @@ def _candidates(
         found.append(row)
         if one is wrong:
             found.append(Candidate(**{**vars(row), "kind": "wrong_same_size"}))
-    if heldout is not None:
+    if heldout is not None and base.effects in foretold:
         inside, outside = black_box(study, heldout, base, seed)
         delta, error, ahead = change(outside)
         energy = float(inside.chi2.sum()) / study.count

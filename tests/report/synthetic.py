@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pandas as pd
+from report.diagnosed import write_diagnosed
 
 from dlolib.files import write_csv, write_json
 from dlolib.formats import write_capture_index, write_fit, write_layout, write_motion, write_recording
@@ -57,6 +58,7 @@ def write_results(root: Path, *, truth: bool = True, execution: bool = True, ext
     rng = np.random.default_rng(7)
     _write_capture(root / "data", rng, truth)
     _write_identified(root / "reports" / "identify", rng)
+    write_diagnosed(root / "reports" / "diagnose" / "captured", [curve(b, 0.3) for b in _bends()], LENGTH_M)
     for index, name in enumerate(LAYOUTS):
         _write_layout(root, name, 0.35 + 0.12 * index, rng)
         if execution:

@@ -174,6 +174,23 @@ def test_page_holds_every_section_caption_and_cell(out: Path, content: dict) -> 
         assert re.sub(r"[`~]|\*\*", "", words) in text, words
 
 
+def test_a_verdict_is_told_with_its_tie_and_the_motion_that_would_end_it(content: dict) -> None:
+    (section,) = [section for section in content["sections"] if section["name"] == "diagnosis"]
+    words = " ".join(block["text"] for block in section["blocks"] if block["kind"] == "paragraph")
+    assert "explained, but not by one model alone" in words and "roll the wrist" in words
+    assert "To tell plastic bending from internal friction" in words
+    files = [block["file"] for block in section["blocks"] if block["kind"] == "figure"]
+    assert [file.split("diagnosis_")[1].split("_")[0] for file in files] == [
+        "rope",
+        "scan",
+        "models",
+        "moments",
+    ]
+    parameters, detectable = [block for block in section["blocks"] if block["kind"] == "table"]
+    assert "plastic bending: yield curvature" in [row[1] for row in parameters["rows"]]
+    assert detectable["rows"][1][2] == "cannot be seen here"
+
+
 def test_a_solver_that_no_stiffness_fits_is_said_so(content: dict) -> None:
     (section,) = [section for section in content["sections"] if section["name"] == "solvers"]
     words, figure, table = section["blocks"]

@@ -14,6 +14,7 @@ from dlolib.report.text import fixed, millimetres, scientific, span, title
 from dlolib.types import Quality, Verdict
 
 TITLE = "What the elastic rod leaves out"
+RATIO = "ratio"
 STATUS = {
     "no_mismatch": "nothing is missing that could show",
     "explained": "explained",
@@ -121,14 +122,14 @@ def _parameters(name: str, verdict: Verdict) -> Table:
         if verdict.status == "no_mismatch":
             break
     columns = (
-        Column("model", align="left"),
-        Column("parameter", align="left"),
-        Column("value"),
+        Column("Model", align="left"),
+        Column("Parameter", align="left"),
+        Column("Value"),
         Column("95 %"),
-        Column("unit", align="left"),
-        Column("distance, RMS", "mm"),
-        Column("held out", "mm"),
-        Column("slow residuals"),
+        Column("Unit", align="left"),
+        Column("Distance, RMS", "mm"),
+        Column("Held out", "mm"),
+        Column("Slow residuals", "noise"),
     )
     caption = (
         f"{title(name)}: parameters without and with the named effect. Slow residuals: energy of their"
@@ -147,24 +148,24 @@ def _rows(words: str, quality: Quality) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = []
     for k, (name, value) in enumerate(quality.parameters.items()):
         own = figures if k == 0 else ("", "", "")
-        shown = (scientific(value.value), span(value.low, value.high), value.unit)
+        shown = (scientific(value.value), span(value.low, value.high), value.unit or RATIO)
         rows.append((words if k == 0 else "", name.replace(".", ": ").replace("_", " "), *shown, *own))
     return rows
 
 
 def _detectable(name: str, verdict: Verdict) -> Table:
     columns = (
-        Column("effect", align="left"),
-        Column("parameter", align="left"),
-        Column("seen from"),
-        Column("unit", align="left"),
+        Column("Effect", align="left"),
+        Column("Parameter", align="left"),
+        Column("Seen from"),
+        Column("Unit", align="left"),
     )
     rows = tuple(
         (
             title(one.name).lower(),
             one.parameter.replace("_", " "),
             "cannot be seen here" if one.value is None else scientific(one.value, 2),
-            one.unit,
+            one.unit or RATIO,
         )
         for one in verdict.detectable
     )
