@@ -15,9 +15,9 @@ from dlolib.diagnose.locate import Reversal, Scan, reversal, scan
 from dlolib.diagnose.noise import Whitener, estimate_noise, grid_of, tells_noise
 from dlolib.diagnose.say import named, summary
 from dlolib.diagnose.search import Searched, baseline, runner, search
-from dlolib.diagnose.study import Bools, DiagnoseSettings, Fitted, Study, seen_as
+from dlolib.diagnose.study import Bools, DiagnoseSettings, Fitted, Study, acting_only, seen_as
 from dlolib.errors import ParameterError, SimulationError
-from dlolib.identify.identify import rms
+from dlolib.identify.identify import FIRST_STIFFNESS_M4_S2, rms
 from dlolib.identify.problem import axes
 from dlolib.sim.rod import unit_of
 from dlolib.types import (
@@ -155,7 +155,7 @@ def _study(
         planar = [0, 2] if recording.planar == "xz" else [0, 1, 2]
         known = None if covariance is None else covariance[mine][:, planar][:, :, planar]
         seen.append(seen_as(recording, mine, Whitener(grid_of(recording, mine), noise, known), settings))
-    return Study(tuple(seen))
+    return acting_only(Study(tuple(seen)), FIRST_STIFFNESS_M4_S2)
 
 
 def _heldout(

@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 from dlolib.diagnose.noise import Whitener
 from dlolib.errors import SimulationError
 from dlolib.identify import particles_for
-from dlolib.identify.parameters import Unknown
+from dlolib.identify.parameters import ACTS_M, LOGARITHM_SCALE, Unknown
 from dlolib.identify.problem import axes
 from dlolib.sim.effects import EFFECTS, parameter
 from dlolib.sim.effects.base import Hint, forms
@@ -95,11 +95,13 @@ class Seen:
 class Study:
     """Recordings of one object with their noise: what every model is fitted to.
 
-    nuisances: what each recording has for itself, with the deviation expected of it (its prior).
+    nuisances: what each recording has for itself, with the deviation expected of it (its prior). stiffnesses:
+    those that act; where the rope is not twisted GJ does not, and equals EI.
     """
 
     seen: tuple[Seen, ...]
     nuisances: tuple[tuple[Unknown, float], ...] = ()
+    stiffnesses: tuple[str, ...] = tuple(STIFFNESSES)
 
     @cached_property
     def count(self) -> int:
@@ -109,8 +111,8 @@ class Study:
     def rod(self, k: int, values: Values) -> Rod:
         """The rod of recording k."""
         one = self.seen[k]
-        n = one.model.particles
-        return Rod.of(one.recording.rope, values, n)
+        both = {"torsional_stiffness": values["bending_stiffness"], **values}
+        return Rod.of(one.recording.rope, both, one.model.particles)
 
     def bounds(self, unknown: Unknown) -> tuple[float, float]:
         """Of the fit's own coordinate: a place is on the rope, a time in the recording."""
@@ -299,9 +301,28 @@ class Hypothesis:
         return weights * theta[held], rows
 
 
+def acting_only(study: Study, ratios_m4_s2: Sequence[float]) -> Study:
+    """The study without a torsional stiffness that moves no point, at the best of some EI over density."""
+    density = study.seen[0].recording.rope.linear_density_kg_m or 1.0
+
+    def off(ei: float) -> float:
+        rods = [study.rod(k, {"bending_stiffness": ei}) for k in range(len(study.seen))]
+        made = [one.model.predict(rod).xyz_m for one, rod in zip(study.seen, rods, strict=True)]
+        seen = zip(study.seen, made, strict=True)
+        return sum(float(np.sum((xyz[:, axes(one.model)] - one.observed_m) ** 2)) for one, xyz in seen)
+
+    ei = min((ratio * density for ratio in ratios_m4_s2), key=off)
+    for k, one in enumerate(study.seen):
+        rod = study.rod(k, {"bending_stiffness": ei})
+        by = one.model.predict(rod, ["torsional_stiffness"]).by_parameter
+        if np.abs(by).max() * ei * LOGARITHM_SCALE > ACTS_M:
+            return study
+    return replace(study, stiffnesses=("bending_stiffness",))
+
+
 def hypothesis(study: Study, terms: Mapping[str, Sequence[str]], offsets_m: Sequence[Floats]) -> Hypothesis:
     """The model with these effects, each with some of its parameters, over both stiffnesses."""
-    names = [*STIFFNESSES, *(f"{effect}.{part}" for effect, parts in terms.items() for part in parts)]
+    names = [*study.stiffnesses, *(f"{effect}.{part}" for effect, parts in terms.items() for part in parts)]
     unknowns = tuple(Unknown(name) for name in names) + tuple(u for u, _ in study.nuisances)
     return Hypothesis(study, tuple(terms), unknowns, tuple(offsets_m))
 
