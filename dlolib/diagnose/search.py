@@ -24,6 +24,7 @@ from dlolib.diagnose.study import (
 )
 from dlolib.errors import SimulationError
 from dlolib.identify.identify import FIRST_STIFFNESS_M4_S2
+from dlolib.identify.intervals import FEWEST_POSES, poses
 from dlolib.identify.parameters import Unknown
 from dlolib.progress import track
 from dlolib.sim.effects import EFFECTS, parameter
@@ -69,7 +70,8 @@ def search(study: Study, settings: DiagnoseSettings, run: Run) -> Searched:
     """Fit the baseline, every effect alone, and the pairs that promise something."""
     elastic = baseline(study)
     models = {one.effects: one for one in _singles(study, elastic, settings, run)}
-    if settings.most_effects > 1 and models:
+    # one pose cannot tell two effects apart
+    if settings.most_effects > 1 and models and sum(poses(one.model) for one in study.seen) >= FEWEST_POSES:
         _pairs(study, models, settings, run)
     _pruned(study, models, run)
     ordered = sorted(models.values(), key=lambda one: one.bic(study.count))

@@ -22,7 +22,7 @@ def blocks(model: Model, used: Bools) -> Ints:
     points = model.recording.points
     frames = np.unique(points.frame[used])
     at = np.searchsorted(frames, points.frame[used])
-    if _poses(model) >= FEWEST_POSES:
+    if poses(model) >= FEWEST_POSES:
         return np.asarray(at * min(BLOCKS, len(frames)) // len(frames), dtype=np.int64)
     share = points.s_m[used] / model.recording.rope.length_m
     return np.minimum(share * BLOCKS, BLOCKS - 1).astype(np.int64)
@@ -69,7 +69,8 @@ def _per_block(problem: Problem, residuals: Floats, jacobian: Floats) -> tuple[F
     return normal, pull
 
 
-def _poses(model: Model) -> int:
+def poses(model: Model) -> int:
+    """How many poses of the ends the recording shows."""
     motion = model.recording.motion
     rows = np.nan_to_num(np.hstack([motion.start_m, motion.start_q, motion.end_m, motion.end_q]))
     return len(np.unique(rows.round(6), axis=0))
