@@ -52,6 +52,8 @@ def rope_figure(shapes: pd.DataFrame, recording: str) -> Canvas:
     mine = shapes[shapes["recording"] == recording]
     frames = np.unique(mine["frame"])
     chosen = frames[np.unique(np.linspace(0, len(frames) - 1, SHOWN_FRAMES).round().astype(int))]
+    if mine.groupby("s_m")["elastic_x_m"].nunique().max() == 1:
+        chosen = frames[:1]  # one pose, seen again and again
     figure = canvas(72)
     views = figure.subplots(1, 2)
     for axes, (across, up) in zip(views, (("x", "z"), ("x", "y")), strict=True):
@@ -94,7 +96,7 @@ def scan_figure(scan: pd.DataFrame, recording: str) -> Canvas:
     top = max(float(best.to_numpy().max()), 10 * threshold)
     drawn = axes.pcolormesh(
         best.columns, 1e3 * best.index, np.where(best > threshold, best, np.nan), cmap="inferno_r",
-        norm=LogNorm(threshold, top), shading="nearest",
+        norm=LogNorm(threshold, top), shading="nearest", rasterized=True,
     )  # fmt: skip
     axes.set(xlabel="frame", ylabel="arc length [mm]")
     figure.colorbar(drawn, ax=axes, label="gain in χ² of the best local probe")
