@@ -144,6 +144,7 @@ def simulate(
 def identify(
     recordings: Annotated[list[Path], typer.Argument(help="Recording folders, all of one object.")],
     out: Out,
+    verdict: VerdictFile = None,
 ) -> None:
     """Identify a rope's stiffness from its recordings: fit.json, the loss curve, the shapes."""
     from dlolib.formats import read_recording
@@ -152,7 +153,9 @@ def identify(
 
     settings, params = _identify_settings(), _params()
     given = [read_recording(folder) for folder in recordings]
-    found = fit_recordings(given, settings)
+    known = _known(None, verdict)
+    effects = {} if known is None else {k: v.value for k, v in known.parameters.items() if "." in k}
+    found = fit_recordings(given, settings, effects)
     descended = None
     if params is not None and params.identify.method == "gradient_descent":
         descended = descend(given[0], DescentSettings(**params.identify.paper.model_dump()), settings)

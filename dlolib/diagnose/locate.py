@@ -197,8 +197,9 @@ def _gains(
 def _by_frame(gains: Floats, windows: Sequence[tuple[int, int]], frames: int) -> Floats:
     """For every probe and frame the largest gain of the windows around it, (probes, F)."""
     best = np.zeros((len(gains), frames))
+    shortest = min(b - a for a, b in windows)
     for w, (a, b) in enumerate(windows):
-        if b - a <= max(frames // 8, 2):
+        if b - a <= 2 * shortest + 1:
             best[:, a:b] = np.maximum(best[:, a:b], gains[:, w : w + 1])
     return best
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -86,16 +86,23 @@ def particles_for(length_m: float, settings: Mesh) -> int:
     return max(settings.particles, int(np.ceil(length_m / settings.longest_segment_m)) + 1)
 
 
-def identify(recordings: Sequence[Recording], settings: IdentifySettings) -> Identified:
+def identify(
+    recordings: Sequence[Recording], settings: IdentifySettings, effects: Mapping[str, float] | None = None
+) -> Identified:
     """Fit one object's stiffness to its recordings by Levenberg-Marquardt on forward sensitivities.
 
     Material parameters are shared, each recording has its own clamp angles and, where only a picture's plane
     was seen, its own vertical (its nuisances). Parameters that move no point stay at their neutral values.
 
+    Args:
+        recordings: of one object.
+        settings: see there.
+        effects: further physics that holds while EI and GJ are fitted, `<effect>.<parameter>` to value.
+
     Raises:
         ParameterError: a name in `settings.parameters` is unknown or does not act.
     """
-    problem, theta = _begin(recordings, settings)
+    problem, theta = _begin(recordings, settings, effects or {})
     problem, theta = _acting_only(problem, theta, settings)
     history: list[Floats] = []
     theta = _best_start(problem, theta, settings, history)
@@ -111,20 +118,25 @@ def identify(recordings: Sequence[Recording], settings: IdentifySettings) -> Ide
     return _result(problem, theta, low, high, history, heldout, foretold)
 
 
-def _begin(recordings: Sequence[Recording], settings: IdentifySettings) -> tuple[Problem, Floats]:
+def _begin(
+    recordings: Sequence[Recording], settings: IdentifySettings, effects: Mapping[str, float]
+) -> tuple[Problem, Floats]:
     """The problem with every candidate, at the best of a few stiffnesses decades apart."""
     models, rods, used = [], [], []
     for recording in recordings:
         n = particles_for(recording.rope.length_m, settings)
         models.append(model_of(recording, n, settings.time_step_s, settings.sweeps))
-        rods.append(Rod(recording.rope, 1.0, 1.0, particles=n))
+        rods.append(Rod(recording.rope, 1.0, 1.0, effects, n))
         used.append(~_declared(recording))
     offsets = tuple(np.zeros_like(r.points.xyz_m) for r in recordings)
     problem = Problem(tuple(models), tuple(rods), tuple(used), offsets, candidates(recordings))
     density = rods[0].linear_density
 
     def coordinates(ratio: float) -> Floats:
-        return np.array([u.inward(ratio * density) if u.stiffness else 0.0 for u in problem.unknowns])
+        rod = problem.rods[0]
+        return np.array(
+            [u.inward(ratio * density) if u.stiffness else rod.value(u.name) for u in problem.unknowns]
+        )
 
     costs = [float(np.sum(problem.residuals(coordinates(ratio)) ** 2)) for ratio in FIRST_STIFFNESS_M4_S2]
     return problem, coordinates(FIRST_STIFFNESS_M4_S2[int(np.argmin(costs))])

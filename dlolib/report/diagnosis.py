@@ -111,7 +111,7 @@ def models_figure(verdict: Verdict) -> Canvas:
     figure = canvas(16 + 5 * len(models))
     left, right = figure.subplots(1, 2, sharey=True)
     places = np.arange(len(models))
-    winners = set(verdict.equivalent) or {tuple(one.name for one in verdict.effects)}
+    winners = set(verdict.equivalent) or {verdict.candidates[0].effects}
     colors = [ROD if one.effects in winners and one.kind == "library" else FAINT for one in models]
     left.barh(places, [max(one.delta_bic, 0.1) for one in models], color=colors, height=0.6)
     left.set(xlabel="BIC over the best model's", xscale="log", xlim=(0.1, None))

@@ -12,7 +12,7 @@ from sim.ropes import EI, GJ, GRAVITY, LEVEL, ROPE
 from dlolib.cli import run
 from dlolib.diagnose import DiagnoseSettings, Diagnosis, diagnose, write_diagnosis
 from dlolib.errors import ParameterError
-from dlolib.formats import read_recording, read_verdict, write_recording
+from dlolib.formats import read_fit, read_recording, read_verdict, write_recording
 from dlolib.sim.effects import EFFECTS
 from dlolib.sim.recording import simulated
 from dlolib.sim.rod import Rod
@@ -153,3 +153,14 @@ def test_different_objects_are_refused() -> None:
     other = replace(made({}), rope=replace(ROPE, name="cable"), name="other")
     with pytest.raises(ParameterError, match="one object"):
         diagnose([made({}), other], QUICK)
+
+
+def test_identification_takes_a_verdict(tmp_path: Path) -> None:
+    """With the named law EI comes out as the rope's, without it far too soft."""
+    write_recording(made(PLANTED["plastic"]), tmp_path / "recording")
+    write_diagnosis(found("plastic"), tmp_path)
+    for words in ((), ("--verdict", str(tmp_path / "verdict.json"))):
+        given = ["identify", str(tmp_path / "recording"), "--out", str(tmp_path / f"fit{len(words)}"), *words]
+        assert run(given) == 0
+    without, named = (read_fit(tmp_path / f"fit{k}").parameters["bending_stiffness"].value for k in (0, 2))
+    assert named == pytest.approx(EI, rel=0.08) and without < 0.8 * EI
