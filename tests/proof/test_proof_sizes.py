@@ -10,7 +10,7 @@ from dlolib.proof.chain import Sizes
 from dlolib.proof.gain import gain
 from dlolib.proof.motions import Arc, Plan, make_motion
 from dlolib.proof.place import find_place
-from dlolib.proof.sizes import NAMES, draw_effect
+from dlolib.proof.sizes import GIVEN, NAMES, draw_effect
 from dlolib.proof.world import Experiment
 from dlolib.types import Noise, Obstacle
 
@@ -20,7 +20,7 @@ TOUCHING = ("contact_friction", "hidden_obstacle")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name in NAMES if name not in TOUCHING])
+@pytest.mark.parametrize("name", [name for name in NAMES if name not in (*TOUCHING, *GIVEN)])
 def test_the_gain_at_the_size_that_is_found(name: str) -> None:
     motion, frames = make_motion(PLAN, Sizes())
     experiment = Experiment(motion, frames, 3e-4, 3e-4)
