@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 from dlolib.errors import ParameterError
 from dlolib.types import Estimate, Fit, Rope
 
-NAMES = ("bending_stiffness", "torsional_stiffness", "linear_density")
+STIFFNESSES = ("bending_stiffness", "torsional_stiffness")
+NAMES = (*STIFFNESSES, "linear_density")
 RATIO = "_over_density"
 
 
@@ -83,13 +84,13 @@ def rope_values(rope: Rope, name: str, fit: Fit | None, values: Mapping[str, flo
     if "linear_density" in values:
         rope = replace(rope, linear_density_kg_m=values["linear_density"])
     parameters: dict[str, float] = {}
-    for key, estimate in _stored(fit, name).items():
-        stiffness = key.endswith("_stiffness")
-        if stiffness and rope.linear_density_kg_m is None:
+    for key, estimate in _stored(fit, name):
+        if key in STIFFNESSES and rope.linear_density_kg_m is None:
             problem = f"{key} is in {estimate.unit}, but the density of {rope.name} is not known"
             raise ParameterError(problem, place="--fit", mend="give --set linear_density=VALUE")
         ratio = (rope.linear_density_kg_m or 1.0) if key.endswith(RATIO) else 1.0
-        parameters[key.removesuffix(RATIO)] = estimate.value * ratio
+        known = key.removesuffix(RATIO)
+        parameters[known] = parameters.get(known, 0.0) + estimate.value * ratio
     parameters |= {key: value for key, value in values.items() if key != "linear_density"}
     if "bending_stiffness" not in parameters:
         mend = "give --set bending_stiffness=VALUE (N m^2) or --fit FILE"
@@ -98,5 +99,6 @@ def rope_values(rope: Rope, name: str, fit: Fit | None, values: Mapping[str, flo
     return RopeValues(rope, parameters)
 
 
-def _stored(fit: Fit | None, name: str) -> dict[str, Estimate]:
-    return {} if fit is None else {**fit.parameters, **fit.nuisances.get(name, {})}
+def _stored(fit: Fit | None, name: str) -> list[tuple[str, Estimate]]:
+    """What all recordings share, and what one has for itself, which comes on top."""
+    return [] if fit is None else [*fit.parameters.items(), *fit.nuisances.get(name, {}).items()]

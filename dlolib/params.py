@@ -127,7 +127,7 @@ class Diagnose(Block):
     alarm: Positive
     second: Positive
     tie: NotNegative
-    most_effects: Annotated[int, Field(ge=1, le=2)]
+    most_effects: Annotated[int, Field(ge=1, le=3)]
     starts: Count
     partners: Count
     workers: Count

@@ -313,5 +313,7 @@ class Verdict:
 
     @property
     def fit(self) -> Fit:
-        """The winning model as simulate, identify and learn take it."""
-        return Fit(self.augmented.parameters, self.augmented.rmse_m, 0, 0, self.nuisances)
+        """What simulate, identify and learn take: the model with the named effects; where none is named, not
+        the best of those that do not explain it either, but the elastic rod."""
+        best = self.augmented if self.effects else self.baseline
+        return Fit(best.parameters, best.rmse_m, 0, 0, self.nuisances)

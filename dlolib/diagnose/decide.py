@@ -2,39 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy import stats
-from scipy.fft import dctn
 
+from dlolib.diagnose.residuals import explains, slow_modes
 from dlolib.diagnose.search import Searched
 from dlolib.diagnose.study import DiagnoseSettings, Fitted, Study
-from dlolib.types import Floats
 
 Status = Literal["no_mismatch", "explained", "ambiguous", "unexplained"]
-# The slow modes of the residuals, over frames and along the rope, in which missing physics shows.
-MODES = 8
-# A model whose slow residuals are this unlikely does not explain the recording, if they also are more than
-# this share of what it explains: a law's form is never quite that of the rope.
-UNLIKELY, NEGLIGIBLE = 1e-3, 0.05
 # Slow residuals this unlikely are a mismatch even where no effect takes them up.
 ALARMING = 1e-5
 MOST_TIED = 3
-
-
-@dataclass(frozen=True)
-class SlowModes:
-    """Energy of the residuals' slow modes over its expectation, and how likely so much is by chance.
-
-    excess: of χ², over what noise alone would leave there.
-    """
-
-    energy: float
-    p_value: float
-    excess: float
 
 
 @dataclass(frozen=True)
@@ -46,25 +26,6 @@ class Decision:
     tie: tuple[Fitted, ...]
 
 
-def slow_modes(residuals: Sequence[Floats], parameters: int) -> SlowModes:
-    """The test of whitened residuals (F, columns, A) of each recording: slow modes against quick ones.
-
-    The quick modes give the scale, so that a noise estimate that is a little off does not matter.
-    """
-    slow, slow_count, quick, quick_count = 0.0, -parameters, 0.0, 0
-    for grid in residuals:
-        squares = dctn(grid, axes=(0, 1), norm="ortho") ** 2
-        low = squares[:MODES, :MODES]
-        slow += float(low.sum())
-        slow_count += low.size
-        quick += float(squares.sum() - low.sum())
-        quick_count += squares.size - low.size
-    scale = quick / quick_count
-    energy = slow / max(slow_count, 1) / scale
-    p = float(stats.f.sf(energy, max(slow_count, 1), quick_count))
-    return SlowModes(energy, p, slow / scale - slow_count)
-
-
 def decide(study: Study, searched: Searched, settings: DiagnoseSettings) -> Decision:
     """The verdict's status, winner and tie."""
     count, base = study.count, searched.baseline
@@ -74,8 +35,7 @@ def decide(study: Study, searched: Searched, settings: DiagnoseSettings) -> Deci
     if gain < settings.alarm:
         slow = slow_modes(base.residuals, len(base.unknowns))
         return Decision("unexplained" if slow.p_value < ALARMING else "no_mismatch", base, ())
-    slow = slow_modes(best.residuals, len(best.unknowns))
-    if slow.p_value < UNLIKELY and slow.excess > NEGLIGIBLE * (base.chi2 - best.chi2):
+    if not explains(best, base):
         return Decision("unexplained", best, ())
     tie = [one for one in models if one.bic(count) < best.bic(count) + settings.tie]
     tie = [one for one in tie if one is best or not set(best.effects) < set(one.effects)][:MOST_TIED]
@@ -85,11 +45,10 @@ def decide(study: Study, searched: Searched, settings: DiagnoseSettings) -> Deci
 
 
 def _earned(model: Fitted, searched: Searched, settings: DiagnoseSettings, count: int) -> bool:
-    """Whether every effect of a pair is worth its place: it beats the other one alone by more than a tie."""
-    if len(model.effects) < 2:
-        return True
-    alone = [one for one in searched.models if len(one.effects) == 1 and one.effects[0] in model.effects]
-    return all(one.bic(count) - model.bic(count) > settings.second for one in alone)
+    """Whether every effect is worth its place: without any one of them the rest is worse by more than a
+    tie."""
+    fewer = [one for one in searched.models if set(one.effects) < set(model.effects)]
+    return all(one.bic(count) - model.bic(count) > settings.second for one in fewer)
 
 
 def probabilities(study: Study, searched: Searched) -> dict[str, float]:

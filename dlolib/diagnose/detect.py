@@ -54,8 +54,12 @@ def gain_needed(alarm: float, parameters: int, count: int) -> float:
     )
 
 
-def detectable(study: Study, base: Fitted, size: Size, alarm: float) -> Detectable:
-    """The size of an effect that is seen with 95 % power; the baseline's own parameters give way."""
+def detectable(study: Study, job: tuple[Fitted, Size, float]) -> Detectable:
+    """The size of an effect that is seen with 95 % power; the baseline's own parameters give way.
+
+    The job is the baseline, the effect, and the alarm.
+    """
+    base, size, alarm = job
     full = f"{size.name}.{size.part}"
     known = parameter(full)
     form = min((f for f in forms(EFFECTS[size.name]) if size.part in f), key=len)

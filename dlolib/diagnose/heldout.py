@@ -10,6 +10,7 @@ from scipy.interpolate import RBFInterpolator
 from scipy.spatial.transform import Rotation
 
 from dlolib.diagnose.study import Fitted, Seen, Study, corrected
+from dlolib.errors import SimulationError
 from dlolib.formats import interpolate_motion
 from dlolib.identify.problem import axes
 from dlolib.types import Floats
@@ -37,15 +38,28 @@ class Foretold:
         return float(change.sum()), float(np.sqrt(len(change)) * change.std(ddof=1))
 
 
-def foretell(fitted: Study, heldout: Study, model: Fitted) -> Foretold:
-    """What a fit to `fitted` leaves of the held-out frames of the same recordings."""
-    values = [model.values(k) for k in range(len(fitted.seen))]
-    offsets = corrected(heldout, lambda k: values[k])
+def foretell(study: Study, model: Fitted) -> Foretold | None:
+    """What a fit leaves of the held-out frames of the same recordings; None: they cannot be simulated."""
+    try:
+        return _foretold(study, model)
+    except SimulationError:
+        return None
+
+
+def _foretold(study: Study, model: Fitted) -> Foretold:
+    heldout = _heldout(study)
+    values = [model.values(k) for k in range(len(study.seen))]
+    offsets = corrected(heldout, model.point)
     lefts = [
         one.model.predict(heldout.rod(k, values[k])).xyz_m + offsets[k] - one.recording.points.xyz_m
         for k, one in enumerate(heldout.seen)
     ]
     return _left(heldout, lefts)
+
+
+def _heldout(study: Study) -> Study:
+    assert study.heldout is not None, "nothing was held out"
+    return study.heldout
 
 
 def _left(study: Study, lefts: list[Floats]) -> Foretold:
@@ -57,22 +71,23 @@ def _left(study: Study, lefts: list[Floats]) -> Foretold:
     return Foretold(np.concatenate(chi2), np.concatenate(distances))
 
 
-def black_box(fitted: Study, heldout: Study, base: Fitted, seed: int) -> tuple[Foretold, Foretold]:
+def black_box(study: Study, job: tuple[Fitted, int]) -> tuple[Foretold, Foretold]:
     """A residual that names nothing: kriging of what the baseline leaves, by arc length and the ends' pose.
 
-    Returns what is left of the fitted frames and of the held-out ones.
+    The job is the baseline and a seed. Returns what is left of the fitted frames and of the held-out ones.
     """
+    (base, seed), heldout = job, _heldout(study)
     lefts: tuple[list[Floats], list[Floats]] = ([], [])
-    for k, (one, out) in enumerate(zip(fitted.seen, heldout.seen, strict=True)):
+    offsets = corrected(heldout, base.point)
+    for k, (one, out) in enumerate(zip(study.seen, heldout.seen, strict=True)):
         values: Mapping[str, float] = base.values(k)
-        fine = corrected(heldout, lambda k: base.values(k))[k]
-        inside = one.model.predict(fitted.rod(k, values)).xyz_m + base.offsets_m[k]
-        outside = out.model.predict(heldout.rod(k, values)).xyz_m + fine
+        inside = one.model.predict(study.rod(k, values)).xyz_m + base.offsets_m[k]
+        outside = out.model.predict(heldout.rod(k, values)).xyz_m + offsets[k]
         off = inside - one.recording.points.xyz_m
         surrogate = _surrogate(_features(one), off, seed)
         lefts[0].append(off - surrogate(_features(one)))
         lefts[1].append(outside - out.recording.points.xyz_m - surrogate(_features(out)))
-    return _left(fitted, lefts[0]), _left(heldout, lefts[1])
+    return _left(study, lefts[0]), _left(heldout, lefts[1])
 
 
 def _features(one: Seen) -> Floats:

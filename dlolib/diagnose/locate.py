@@ -109,8 +109,9 @@ def _at_frames(recording: Recording) -> Motion:
     return interpolate_motion(recording.motion, points.t_s[first])
 
 
-def scan(study: Study, base: Fitted, k: int, seed: int) -> Scan:
-    """Probe recording k with what the baseline leaves of it."""
+def scan(study: Study, job: tuple[Fitted, int, int]) -> Scan:
+    """Probe a recording with what the baseline leaves of it; the job: the baseline, which one, a seed."""
+    base, k, seed = job
     one, residual = study.seen[k], base.residuals[k]
     rod = study.rod(k, base.values(k))
     made = one.model.setup(rod)

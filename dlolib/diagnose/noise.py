@@ -133,30 +133,24 @@ def _bidiagonal(gaps: Floats, length: float) -> sparse.csc_array:
     return sparse.csc_array(sparse.diags_array([diagonal, -rho * spread], offsets=[0, -1]))
 
 
-def estimate_noise(recording: Recording, residual_m: Floats, used: np.ndarray) -> tuple[Noise, str]:
-    """Deviation and correlations of the points of a recording, and where they come from.
-
-    Args:
-        recording: its own `noise` holds where it is given; else its static frames tell.
-        residual_m: simulated minus observed points (P, A) [m], read where there are no static frames: what is
-            quick in them is noise.
-        used: which points count (P,).
-    """
+def known_noise(recording: Recording) -> tuple[Noise, str] | None:
+    """The noise that a recording tells without any rod, and whence: it is given, or some frames show one
+    pose."""
     if recording.noise is not None:
         return recording.noise, "recording.json: noise"
     still = _still(recording)
-    if still is not None:
-        values = recording.points.xyz_m[:, [0, 2] if recording.planar == "xz" else [0, 1, 2]]
-        first, last = recording.points.frame[still][[0, -1]]
-        noise = _likeliest(recording, values, still, still_shape=True)
-        return _known_deviation(recording, noise), f"frames {first} to {last}, which stand still"
-    noise = _likeliest(recording, residual_m, used, still_shape=False)
+    if still is None:
+        return None
+    values = recording.points.xyz_m[:, [0, 2] if recording.planar == "xz" else [0, 1, 2]]
+    first, last = recording.points.frame[still][[0, -1]]
+    noise = _likeliest(recording, values, still, still_shape=True)
+    return _known_deviation(recording, noise), f"frames {first} to {last}, which stand still"
+
+
+def noise_left(recording: Recording, residual_m: Floats) -> tuple[Noise, str]:
+    """The noise of a recording by what a rod leaves of its points (P, A) [m]: what is quick in that."""
+    noise = _likeliest(recording, residual_m, np.ones(len(residual_m), dtype=bool), still_shape=False)
     return _known_deviation(recording, noise), "quick part of the residuals"
-
-
-def tells_noise(recording: Recording) -> bool:
-    """Whether the noise can be had without any rod: it is given, or some frames show one pose."""
-    return recording.noise is not None or _still(recording) is not None
 
 
 def _still(recording: Recording) -> np.ndarray | None:
@@ -229,4 +223,4 @@ def _smooth(count: int, modes: int) -> Floats:
     return np.asarray(dct(np.eye(count), axis=1, norm="ortho")[:, : min(modes, max(count // 3, 1))])
 
 
-__all__ = ["Grid", "Whitener", "estimate_noise", "grid_of"]
+__all__ = ["Grid", "Whitener", "grid_of", "known_noise", "noise_left"]

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import itertools
-import multiprocessing
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
+from dlolib.diagnose.residuals import explains
 from dlolib.diagnose.study import (
     DiagnoseSettings,
     Fitted,
+    Point,
     Study,
     corrected,
     fit,
@@ -22,17 +20,19 @@ from dlolib.diagnose.study import (
     library,
     promise,
 )
+from dlolib.diagnose.workers import Workers
 from dlolib.errors import SimulationError
 from dlolib.identify.identify import FIRST_STIFFNESS_M4_S2
 from dlolib.identify.intervals import FEWEST_POSES, poses
 from dlolib.identify.parameters import Unknown
-from dlolib.progress import track
 from dlolib.sim.effects import EFFECTS, parameter
 from dlolib.sim.effects.base import Hint, forms
 from dlolib.sim.rod import STIFFNESSES
 from dlolib.types import Floats
 
 Terms = dict[str, tuple[str, ...]]
+Effects = tuple[str, ...]
+Models = dict[Effects, "Fitted"]
 # Blocks of the recording in which the rope may be off, and from how many of them a fit may begin.
 FRAME_BLOCKS, ROPE_BLOCKS, HINTS = 8, 8, 5
 # A pair is fitted in full where a linear step from the best single effect promises this much in BIC.
@@ -48,7 +48,7 @@ class Task:
     """One model to be fitted: effects with their parameters, and where its fits may begin."""
 
     terms: Terms
-    starts: tuple[Mapping[str, float], ...]
+    starts: tuple[Point, ...]
     offsets_m: tuple[Floats, ...]
     best: int
 
@@ -61,39 +61,58 @@ class Searched:
     models: tuple[Fitted, ...]
 
 
-# How often the baseline's mesh error is made anew.
-CORRECTIONS = 2
-Run = Callable[[Callable[[Study, Any], Any], Sequence[Any], str], list[Any]]
+# How often the baseline's mesh error is made anew; how often effects are looked for beside the best ones.
+CORRECTIONS, ROUNDS = 2, 4
+# Evaluations of a fit before it is asked whether another start leads to a better one.
+ROUGH = 6
 
 
-def search(study: Study, settings: DiagnoseSettings, run: Run) -> Searched:
-    """Fit the baseline, every effect alone, and the pairs that promise something."""
+def search(study: Study, settings: DiagnoseSettings, run: Workers) -> Searched:
+    """Fit the baseline, every effect alone, and the pairs that promise something.
+
+    A third effect is sought only where the best pair does not explain what is seen.
+    """
     elastic = baseline(study)
     models = {one.effects: one for one in _singles(study, elastic, settings, run)}
     # one pose cannot tell two effects apart
-    if settings.most_effects > 1 and models and sum(poses(one.model) for one in study.seen) >= FEWEST_POSES:
-        _pairs(study, models, settings, run)
+    together = models and sum(poses(one.model) for one in study.seen) >= FEWEST_POSES
+    for size in range(2, settings.most_effects + 1 if together else 0):
+        best = _best(study, models)
+        if len(best.effects) < size - 1 or (size > 2 and explains(best, elastic)):
+            break
+        _grown(study, models, size, settings, run)
     _pruned(study, models, run)
-    ordered = sorted(models.values(), key=lambda one: one.bic(study.count))
-    return Searched(elastic, tuple(ordered))
+    return Searched(elastic, _ordered(study, models.values()))
+
+
+def searched_again(study: Study, before: Searched, run: Workers) -> Searched:
+    """The same models from where they were, after the noise has become known better."""
+    elastic = _refit(study, Task({}, (before.baseline.point,), before.baseline.offsets_m, 1))
+    tasks = [Task(terms_of(one), (one.point,), one.offsets_m, 1) for one in before.models]
+    again = [one for one in run(_refit, tasks, "once more") if one is not None]
+    return Searched(elastic or before.baseline, _ordered(study, again))
+
+
+def _ordered(study: Study, models: Iterable[Fitted]) -> tuple[Fitted, ...]:
+    return tuple(sorted(models, key=lambda one: one.bic(study.count)))
 
 
 def baseline(study: Study) -> Fitted:
     """The rod with nothing missing: EI and GJ, with the mesh's error at their own optimum."""
     density = study.rod(0, dict.fromkeys(STIFFNESSES, 1.0)).linear_density
     offsets = tuple(np.zeros_like(one.recording.points.xyz_m) for one in study.seen)
-    starts = tuple({name: ratio * density for name in STIFFNESSES} for ratio in FIRST_STIFFNESS_M4_S2)
+    starts = tuple({Unknown(n): ratio * density for n in STIFFNESSES} for ratio in FIRST_STIFFNESS_M4_S2)
     found = _fit(study, Task({}, starts, offsets, len(starts)))
     for _ in range(CORRECTIONS):
         if found is None:
             mend = "check the recording's units and ends"
             raise SimulationError("no stiffness could be simulated", mend=mend)
-        found = _refit(study, Task({}, (found.values(0),), offsets, 1))
+        found = _refit(study, Task({}, (found.point,), offsets, 1))
     assert found is not None
     return found
 
 
-def _singles(study: Study, baseline: Fitted, settings: DiagnoseSettings, run: Run) -> list[Fitted]:
+def _singles(study: Study, baseline: Fitted, settings: DiagnoseSettings, run: Workers) -> list[Fitted]:
     hints = _hints(study, baseline)
     tasks = [
         _task(study, baseline, {}, name, form, hints, settings.starts)
@@ -102,34 +121,41 @@ def _singles(study: Study, baseline: Fitted, settings: DiagnoseSettings, run: Ru
     return _refined(study, run(_fit, tasks, "effects"), baseline, run, "effects")
 
 
-def _pairs(study: Study, models: dict[tuple[str, ...], Fitted], settings: DiagnoseSettings, run: Run) -> None:
-    """Partners of the best effect, then of the other member of the best pair, until nothing changes."""
-    tried: set[str] = set()
-    for _ in range(4):
-        best = min(models.values(), key=lambda one: one.bic(study.count))
-        todo = [name for name in best.effects if name not in tried]
+def _best(study: Study, models: Models) -> Fitted:
+    return min(models.values(), key=lambda one: one.bic(study.count))
+
+
+def _grown(study: Study, models: Models, size: int, settings: DiagnoseSettings, run: Workers) -> None:
+    """Forward and backward: one more effect beside those of the best model, then beside all but one of those
+    of the best one so found, until nothing changes."""
+    tried: set[Effects] = set()
+    for _ in range(ROUNDS):
+        effects = _best(study, models).effects
+        fewer = [effects] if len(effects) < size else list(itertools.combinations(effects, size - 1))
+        todo = [one for one in fewer if one in models and one not in tried]
         if not todo:
             break
-        for name in todo:
-            tried.add(name)
-            for one in _partners(study, models[(name,)], settings, run):
-                key = tuple(sorted(one.effects))
-                if key not in models or one.chi2 < models[key].chi2:
-                    models[key] = replace(one, effects=key)
+        for one in todo:
+            tried.add(one)
+            for more in _partners(study, models[one], settings, run):
+                key = tuple(sorted(more.effects))
+                if key not in models or more.chi2 < models[key].chi2:
+                    models[key] = replace(more, effects=key)
 
 
-def _partners(study: Study, single: Fitted, settings: DiagnoseSettings, run: Run) -> list[Fitted]:
-    """Pairs of a fitted effect with every other: screened by a linear step, the promising ones fitted."""
-    hints = _hints(study, single)
-    have = terms_of(single)
+def _partners(study: Study, fewer: Fitted, settings: DiagnoseSettings, run: Workers) -> list[Fitted]:
+    """Every other effect beside those of a model: screened by a linear step, the promising ones fitted."""
+    hints = _hints(study, fewer)
+    have = terms_of(fewer)
     tasks = [
-        _task(study, single, have, name, form, hints, settings.starts)
+        _task(study, fewer, have, name, form, hints, settings.starts)
         for name, form in library(study, settings.without, tuple(have))
     ]
-    promised = run(_promise, tasks, f"partners of {single.effects[0]}")
+    beside = " and ".join(fewer.effects)
+    promised = run(_promise, tasks, f"beside {beside}")
     penalty = np.log(study.count)
     scored = [
-        (single.chi2 - low - penalty * _more(task, have), task)
+        (fewer.chi2 - low - penalty * _more(task, have), task)
         for low, task in zip(promised, tasks, strict=True)
     ]
     scored = sorted((one for one in scored if one[0] > PROMISING), key=lambda one: -one[0])
@@ -138,11 +164,10 @@ def _partners(study: Study, single: Fitted, settings: DiagnoseSettings, run: Run
         names = {tuple(k.terms) for k in kept}
         if len(names) < settings.partners or tuple(task.terms) in names:
             kept.append(task)
-    what = f"pairs with {single.effects[0]}"
-    return _refined(study, run(_fit, kept, what), single, run, what)
+    return _refined(study, run(_fit, kept, f"fits beside {beside}"), fewer, run, f"beside {beside}")
 
 
-def _pruned(study: Study, models: dict[tuple[str, ...], Fitted], run: Run) -> None:
+def _pruned(study: Study, models: Models, run: Workers) -> None:
     """The best models with fewer parameters of their effects, where that is the better form of them."""
     best = min((one.bic(study.count) for one in models.values()), default=np.inf)
     tasks = []
@@ -154,7 +179,7 @@ def _pruned(study: Study, models: dict[tuple[str, ...], Fitted], run: Run) -> No
         for chosen in itertools.product(*choices):
             fewer = dict(zip(terms, chosen, strict=True))
             if fewer != terms:
-                tasks.append(Task(fewer, (one.values(0),), one.offsets_m, 1))
+                tasks.append(Task(fewer, (one.point,), one.offsets_m, 1))
     for one in run(_refit, tasks, "forms"):
         key = () if one is None else tuple(sorted(one.effects))
         if one is not None and one.bic(study.count) < models[key].bic(study.count):
@@ -168,8 +193,10 @@ def _more(task: Task, have: Terms) -> int:
 def _task(
     study: Study, at: Fitted, have: Terms, name: str, form: tuple[str, ...], hints: Sequence[Hint], best: int
 ) -> Task:
-    values = at.values(0)
-    starts = tuple({**values, **start} for start in study.starts(name, form, hints))
+    starts = tuple(
+        {**at.point, **{Unknown(part): value for part, value in start.items()}}
+        for start in study.starts(name, form, hints)
+    )
     return Task({**have, name: form}, starts, at.offsets_m, best)
 
 
@@ -193,12 +220,9 @@ def _best_forms(study: Study, found: Sequence[Fitted]) -> list[Fitted]:
     return list(best.values())
 
 
-def _coordinates(model_unknowns: Sequence[Unknown], values: Mapping[str, float]) -> Floats:
-    return np.array([u.inward(values.get(u.name, _neutral(u.name))) for u in model_unknowns])
-
-
-def _neutral(name: str) -> float:
-    return 1.0 if name in STIFFNESSES else parameter(name).neutral
+def _coordinates(unknowns: Sequence[Unknown], start: Point) -> Floats:
+    """A start in the fit's coordinates; what it does not name is neutral."""
+    return np.array([u.inward(start[u] if u in start else parameter(u.name).neutral) for u in unknowns])
 
 
 def _ranked(study: Study, task: Task) -> list[tuple[float, Floats]]:
@@ -220,82 +244,61 @@ def _promise(study: Study, task: Task) -> float:
 
 
 def _fit(study: Study, task: Task) -> Fitted | None:
-    """The best of the fits from the most promising starts."""
-    ranked = _ranked(study, task)[: task.best]
-    found = []
-    for _, theta in ranked:
+    """The best of the fits from the most promising starts; those soon left far behind are not finished."""
+    rough = []
+    for _, theta in _ranked(study, task)[: task.best]:
+        model = hypothesis(study, task.terms, task.offsets_m)
         try:
-            found.append(fit(hypothesis(study, task.terms, task.offsets_m), theta))
+            rough.append((fit(model, theta, ROUGH), model))
         except SimulationError:
             continue
-    if not found:
+    if not rough:
         return None
-    return min(found, key=lambda one: one.chi2)
+    best = min(one.chi2 for one, _ in rough)
+    ends = [fit(model, one.theta) for one, model in rough if one.chi2 < best + NEAR]
+    return min(ends, key=lambda one: one.chi2)
 
 
 def _refit(study: Study, task: Task) -> Fitted | None:
     """The fit once more from its own optimum, with the mesh's error as it is there."""
-    values = task.starts[0]
+    start = task.starts[0]
     try:
-        model = hypothesis(study, task.terms, corrected(study, lambda _: values))
-        return fit(model, _coordinates(model.unknowns, values))
+        model = hypothesis(study, task.terms, corrected(study, start))
+        return fit(model, _coordinates(model.unknowns, start))
     except SimulationError:
         return None
 
 
 def _refined(
-    study: Study, found: Sequence[Fitted | None], baseline: Fitted, run: Run, what: str
+    study: Study, found: Sequence[Fitted | None], baseline: Fitted, run: Workers, what: str
 ) -> list[Fitted]:
     """The best forms, those near the best of them with the mesh's error at their own optimum."""
     fits = _best_forms(study, [one for one in found if one is not None])
     best = min((one.bic(study.count) for one in fits), default=np.inf)
     margin = max(NEAR, NEAR_SHARE * (baseline.bic(study.count) - best))
     near = [one for one in fits if one.bic(study.count) < best + margin]
-    tasks = [Task(terms_of(one), (one.values(0),), one.offsets_m, 1) for one in near]
+    tasks = [Task(terms_of(one), (one.point,), one.offsets_m, 1) for one in near]
     again = run(_refit, tasks, f"{what}, refined")
     better = {one.effects: new for one, new in zip(near, again, strict=True) if new is not None}
     return [better.get(one.effects, one) for one in fits]
 
 
 def _hints(study: Study, at: Fitted) -> list[Hint]:
-    """Where the rope is most off, in blocks of frames and rope of the first recording."""
-    one = study.seen[0]
-    simulated = one.model.predict(study.rod(0, at.values(0))).xyz_m + at.offsets_m[0]
-    points = one.recording.points
-    off = points.xyz_m - simulated
-    frame = np.unique(points.frame, return_inverse=True)[1]
-    block = frame * FRAME_BLOCKS // (frame.max() + 1)
-    part = np.minimum(points.s_m / one.recording.rope.length_m * ROPE_BLOCKS, ROPE_BLOCKS - 1).astype(int)
+    """Where the rope is most off, in blocks of frames and rope of each recording."""
     hints = []
-    for number in np.unique(block * ROPE_BLOCKS + part):
-        mine = block * ROPE_BLOCKS + part == number
-        mean = off[mine].mean(axis=0)
-        hints.append((float(mean @ mean) * mine.sum(), Hint(points.xyz_m[mine].mean(axis=0), mean)))
+    for k, one in enumerate(study.seen):
+        simulated = one.model.predict(study.rod(k, at.values(k))).xyz_m + at.offsets_m[k]
+        points = one.recording.points
+        off = points.xyz_m - simulated
+        frame = np.unique(points.frame, return_inverse=True)[1]
+        block = frame * FRAME_BLOCKS // (frame.max() + 1)
+        share = points.s_m / one.recording.rope.length_m
+        part = np.minimum(share * ROPE_BLOCKS, ROPE_BLOCKS - 1).astype(int)
+        for number in np.unique(block * ROPE_BLOCKS + part):
+            mine = block * ROPE_BLOCKS + part == number
+            mean = off[mine].mean(axis=0)
+            hints.append((float(mean @ mean) * mine.sum(), Hint(points.xyz_m[mine].mean(axis=0), mean)))
     return [hint for _, hint in sorted(hints, key=lambda h: -h[0])[:HINTS]]
 
 
-_STUDY: list[Study] = []
-
-
-def _begin(study: Study) -> None:
-    _STUDY[:] = [study]
-
-
-def _call(job: tuple[Callable[[Study, Any], Any], Any]) -> Any:
-    return job[0](_STUDY[0], job[1])
-
-
-@contextmanager
-def runner(study: Study, workers: int) -> Iterator[Run]:
-    """How many jobs of a study are done: one after the other here, or in processes, in the same order."""
-    if workers == 1:
-        yield lambda function, jobs, what: [function(study, job) for job in track(jobs, what)]
-        return
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, context, _begin, (study,)) as pool:
-        yield lambda function, jobs, what: list(
-            track(pool.map(_call, [(function, job) for job in jobs]), what, len(jobs))
-        )
-
-
-__all__ = ["Searched", "baseline", "runner", "search", "terms_of"]
+__all__ = ["Searched", "baseline", "search", "searched_again", "terms_of"]

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from types import MappingProxyType
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from dlolib.diagnose.noise import Whitener
+from dlolib.diagnose.nuisances import begins_unseen
 from dlolib.errors import SimulationError
 from dlolib.identify import particles_for
 from dlolib.identify.parameters import ACTS_M, LOGARITHM_SCALE, Unknown
@@ -32,7 +32,7 @@ STIFFNESSES_M4_S2 = (1e-8, 1e6)
 AS_GOOD_AS_RIGID = 1e3
 Bools = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 Values = Mapping[str, float]
-NOTHING: Values = MappingProxyType({})
+Point = Mapping[Unknown, float]
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class DiagnoseSettings:
     alarm: float = 8.0
     second: float = 8.0
     tie: float = 6.0
-    most_effects: int = 2
+    most_effects: int = 3
     starts: int = 2
     partners: int = 6
     workers: int = 2
@@ -91,17 +91,34 @@ class Seen:
         return np.asarray(self.recording.points.xyz_m[:, axes(self.model)])
 
 
+def values_of(point: Point, k: int) -> dict[str, float]:
+    """By name, for recording k: what it has for itself comes on top of what all share."""
+    found: dict[str, float] = {}
+    for unknown, value in point.items():
+        if unknown.recording in (None, k):
+            found[unknown.name] = found.get(unknown.name, 0.0) + value
+    return found
+
+
 @dataclass(frozen=True)
 class Study:
     """Recordings of one object with their noise: what every model is fitted to.
 
-    nuisances: what each recording has for itself, with the deviation expected of it (its prior). stiffnesses:
-    those that act; where the rope is not twisted GJ does not, and equals EI.
+    nuisances: what each recording has for itself, with the deviation expected of it (its prior). histories:
+    likewise, in models with a law that remembers. stiffnesses: those that act; where the rope is not twisted
+    GJ does not, and equals EI. ahead: each recording's held-out frames, or nothing.
     """
 
     seen: tuple[Seen, ...]
-    nuisances: tuple[tuple[Unknown, float], ...] = ()
+    nuisances: Mapping[Unknown, float] = field(default_factory=dict)
+    histories: Mapping[Unknown, float] = field(default_factory=dict)
     stiffnesses: tuple[str, ...] = tuple(STIFFNESSES)
+    ahead: tuple[Seen, ...] = ()
+
+    @property
+    def heldout(self) -> Study | None:
+        """The held-out frames as a study of their own."""
+        return replace(self, seen=self.ahead, ahead=()) if self.ahead else None
 
     @cached_property
     def count(self) -> int:
@@ -191,9 +208,9 @@ def seen_as(recording: Recording, used: Bools, whitener: Whitener, settings: Dia
 class Fitted:
     """A model at its best.
 
-    effects: their names. values: by name, stiffnesses too; own: each recording's nuisances. unknowns and
-    covariance: what was fitted, in the fit's coordinates theta. gain_m: what a finer mesh adds to the points.
-    chi2: of the whitened residuals, with the nuisances' priors.
+    effects: their names. unknowns: what was fitted, the nuisances too; theta and covariance in the fit's
+    coordinates. chi2: of the whitened residuals, with the nuisances' priors. residuals: by recording, on its
+    grid (F, columns, A). offsets_m: what a finer mesh adds to the points.
     """
 
     effects: tuple[str, ...]
@@ -210,13 +227,14 @@ class Fitted:
         """How many were fitted for all recordings, nuisances left out."""
         return sum(u.recording is None for u in self.unknowns)
 
+    @property
+    def point(self) -> dict[Unknown, float]:
+        """The value of each unknown."""
+        return _point(self.unknowns, self.theta)
+
     def values(self, k: int) -> dict[str, float]:
         """By name, for recording k."""
-        return {
-            u.name: u.outward(float(t))
-            for u, t in zip(self.unknowns, self.theta, strict=True)
-            if u.recording in (None, k)
-        }
+        return values_of(self.point, k)
 
     def bic(self, count: int) -> float:
         """Schwarz's criterion over `count` coordinates."""
@@ -257,26 +275,13 @@ class Hypothesis:
         """(R, N)."""
         return self.at(theta)[1]
 
-    def values(self, k: int, theta: Floats) -> dict[str, float]:
-        """Parameters of recording k by name."""
-        return {
-            u.name: u.outward(float(t))
-            for u, t in zip(self.unknowns, theta, strict=True)
-            if u.recording in (None, k)
-        }
-
-    def white(self, k: int, theta: Floats) -> Floats:
-        """Whitened residuals of recording k on its grid, (F, columns, A)."""
-        one = self.study.seen[k]
-        simulated = one.model.predict(self.study.rod(k, self.values(k, theta))).xyz_m + self.offsets_m[k]
-        return one.whitener(simulated[:, axes(one.model)] - one.observed_m)
-
     def _simulated(self, theta: Floats) -> tuple[Floats, Floats]:
         residuals, blocks = [], []
+        point = _point(self.unknowns, theta)
         for k, one in enumerate(self.study.seen):
             mine = [n for n, u in enumerate(self.unknowns) if u.recording in (None, k)]
             names = [self.unknowns[n].name for n in mine]
-            predicted = one.model.predict(self.study.rod(k, self.values(k, theta)), names)
+            predicted = one.model.predict(self.study.rod(k, values_of(point, k)), names)
             seen = axes(one.model)
             left = (predicted.xyz_m + self.offsets_m[k])[:, seen] - one.observed_m
             both = one.whitener(np.concatenate([left[:, :, None], predicted.by_parameter[:, seen]], axis=2))
@@ -293,7 +298,7 @@ class Hypothesis:
         return np.concatenate([*residuals, prior]), np.concatenate([jacobian, by_prior])
 
     def _priors(self, theta: Floats) -> tuple[Floats, Floats]:
-        expected = {u: deviation for u, deviation in self.study.nuisances}
+        expected = {**self.study.nuisances, **self.study.histories}
         held = [n for n, u in enumerate(self.unknowns) if u in expected]
         weights = np.array([1 / expected[self.unknowns[n]] for n in held])
         rows = np.zeros((len(held), len(theta)))
@@ -302,29 +307,48 @@ class Hypothesis:
 
 
 def acting_only(study: Study, ratios_m4_s2: Sequence[float]) -> Study:
-    """The study without a torsional stiffness that moves no point, at the best of some EI over density."""
+    """The study without a torsional stiffness and nuisances that move no point, at the best of some EI over
+    density."""
     density = study.seen[0].recording.rope.linear_density_kg_m or 1.0
 
     def off(ei: float) -> float:
-        rods = [study.rod(k, {"bending_stiffness": ei}) for k in range(len(study.seen))]
-        made = [one.model.predict(rod).xyz_m for one, rod in zip(study.seen, rods, strict=True)]
+        made = [
+            one.model.predict(study.rod(k, {"bending_stiffness": ei})).xyz_m
+            for k, one in enumerate(study.seen)
+        ]
         seen = zip(study.seen, made, strict=True)
         return sum(float(np.sum((xyz[:, axes(one.model)] - one.observed_m) ** 2)) for one, xyz in seen)
 
     ei = min((ratio * density for ratio in ratios_m4_s2), key=off)
+    twisted = False
+    acting: dict[Unknown, float] = {}
     for k, one in enumerate(study.seen):
+        own = {u.name: prior for u, prior in study.nuisances.items() if u.recording == k}
         rod = study.rod(k, {"bending_stiffness": ei})
-        by = one.model.predict(rod, ["torsional_stiffness"]).by_parameter
-        if np.abs(by).max() * ei * LOGARITHM_SCALE > ACTS_M:
-            return study
-    return replace(study, stiffnesses=("bending_stiffness",))
+        by = one.model.predict(rod, ["torsional_stiffness", *own]).by_parameter[:, axes(one.model)]
+        moves = np.abs(by).max(axis=(0, 1)) * np.array([ei * LOGARITHM_SCALE, *own.values()])
+        twisted |= bool(moves[0] > ACTS_M)
+        acting |= {
+            Unknown(name, k): own[name] for name, move in zip(own, moves[1:], strict=True) if move > ACTS_M
+        }
+    stiffnesses = tuple(STIFFNESSES) if twisted else ("bending_stiffness",)
+    return replace(study, stiffnesses=stiffnesses, nuisances=acting)
 
 
 def hypothesis(study: Study, terms: Mapping[str, Sequence[str]], offsets_m: Sequence[Floats]) -> Hypothesis:
     """The model with these effects, each with some of its parameters, over both stiffnesses."""
     names = [*study.stiffnesses, *(f"{effect}.{part}" for effect, parts in terms.items() for part in parts)]
-    unknowns = tuple(Unknown(name) for name in names) + tuple(u for u, _ in study.nuisances)
-    return Hypothesis(study, tuple(terms), unknowns, tuple(offsets_m))
+    own = (*study.nuisances, *(study.histories if remembers(terms) else ()))
+    return Hypothesis(study, tuple(terms), (*map(Unknown, names), *own), tuple(offsets_m))
+
+
+def remembers(effects: Iterable[str]) -> bool:
+    """Whether what happened before a recording shows in one of these laws."""
+    return any(getattr(EFFECTS[name], "REMEMBERS", False) for name in effects)
+
+
+def _point(unknowns: Sequence[Unknown], theta: Floats) -> dict[Unknown, float]:
+    return {u: u.outward(float(t)) for u, t in zip(unknowns, theta, strict=True)}
 
 
 def fit(model: Hypothesis, start: Floats, iterations: int = 30, tolerance: float = 1e-6) -> Fitted:
@@ -365,14 +389,14 @@ def promise(model: Hypothesis, theta: Floats) -> float:
     return float(np.sum((residuals - scaled @ step) ** 2))
 
 
-def corrected(study: Study, values: Callable[[int], Values]) -> tuple[Floats, ...]:
+def corrected(study: Study, point: Point) -> tuple[Floats, ...]:
     """What the continuous rod adds to each recording's points, (P, 3) [m]: Richardson's extrapolation.
 
     The mesh's error falls with its square, so that a mesh twice as fine shows three quarters of it.
     """
     offsets = []
     for k, one in enumerate(study.seen):
-        rod = study.rod(k, values(k))
+        rod = study.rod(k, values_of(point, k))
         finely = one.fine.predict(rod.with_particles(one.fine.particles))
         offsets.append(4 / 3 * (finely.xyz_m - one.model.predict(rod).xyz_m))
     return tuple(offsets)
@@ -383,18 +407,12 @@ def library(
 ) -> list[tuple[str, tuple[str, ...]]]:
     """Every effect that could act here, with each of its forms; `beside` others that act already."""
     contact = any(one.recording.obstacles for one in study.seen)
-    remembers = any(getattr(EFFECTS[name], "REMEMBERS", False) for name in beside)
-    unknown = any(_begins_unseen(one.recording) for one in study.seen)
+    unknown = any(begins_unseen(one.recording) for one in study.seen) and not study.histories
     found = []
     for name, effect in EFFECTS.items():
         if name in (*without, *beside) or (name == "contact_friction" and not contact):
             continue
-        if name == "prior_history" and not (remembers and unknown):
+        if name == "prior_history" and not (unknown and remembers(beside)):
             continue
         found += [(name, form) for form in forms(effect)]
     return found
-
-
-def _begins_unseen(recording: Recording) -> bool:
-    """Whether the motion is known from the first frame on alone, so that what came before it is not."""
-    return bool(recording.motion.t_s[0] >= recording.points.t_s.min())

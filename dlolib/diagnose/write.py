@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from dlolib.diagnose.diagnose import NEXT, Diagnosis
+from dlolib.diagnose.diagnose import Diagnosis
 from dlolib.diagnose.locate import PROBES, Scan
+from dlolib.diagnose.verdict import NEXT
 from dlolib.files import write_csv, write_json
 from dlolib.formats import write_motion, write_verdict
 from dlolib.sim.moments import moments
@@ -24,10 +25,12 @@ def write_diagnosis(diagnosis: Diagnosis, folder: Path) -> None:
     where it bends most. tests.json: the path-reversal test.
     """
     write_verdict(diagnosis.verdict, folder)
-    if diagnosis.asked is not None:
-        write_motion(diagnosis.asked.motion, folder / NEXT)
+    if diagnosis.found.asked is not None:
+        write_motion(diagnosis.found.asked.motion, folder / NEXT)
     write_csv(folder / "shapes.csv", _shapes(diagnosis))
-    write_csv(folder / "scan.csv", pd.concat([_scan(one) for one in diagnosis.scans], ignore_index=True), 6)
+    write_csv(
+        folder / "scan.csv", pd.concat([_scan(one) for one in diagnosis.found.scans], ignore_index=True), 6
+    )
     write_csv(folder / "moments.csv", _moments(diagnosis))
     test = diagnosis.reversal
     content = {"pairs": test.pairs, "statistic": test.statistic, "p_value": test.p_value}
@@ -36,7 +39,7 @@ def write_diagnosis(diagnosis: Diagnosis, folder: Path) -> None:
 
 def _shapes(diagnosis: Diagnosis) -> pd.DataFrame:
     tables = []
-    for k, one in enumerate(diagnosis.study.seen):
+    for k, one in enumerate(diagnosis.found.study.seen):
         points = one.recording.points
         base, best = diagnosis.simulated_m[k]
         columns: dict[str, object] = {
@@ -75,7 +78,7 @@ def _scan(scan: Scan) -> pd.DataFrame:
 
 def _moments(diagnosis: Diagnosis) -> pd.DataFrame:
     """Moment against curvature of the winner's most bent joints, over the first recording's motion."""
-    study, winner = diagnosis.study, diagnosis.decision.winner
+    study, winner = diagnosis.found.study, diagnosis.found.decision.winner
     model = study.seen[0].model
     columns = ["s_m", "t_s", "curvature_1_m", "moment_n_m"]
     if not isinstance(model, RecordingModel):

@@ -28,7 +28,8 @@ def seen(xyz_m: Floats, camera: Camera, axis: Floats) -> Floats:
     """True points (..., 3) [m] as a camera with a wrong pose shows them."""
     if camera == Camera():
         return xyz_m
-    return np.asarray(xyz_m @ Rotation.from_rotvec(camera.rotation).as_matrix().T + camera.depth_m * axis)
+    turn = Rotation.from_rotvec(camera.rotation).as_matrix()
+    return np.asarray(xyz_m @ turn.T + camera.depth_m * axis + np.array(camera.shift_m))
 
 
 def turned(vectors: Floats, camera: Camera) -> Floats:

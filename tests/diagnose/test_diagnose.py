@@ -111,7 +111,7 @@ def test_without_the_effect_no_other_one_is_named_for_sure() -> None:
 
 def test_detectable_sizes_are_those_that_are_seen() -> None:
     """Planted at the size that is named, without noise, an elastic rod leaves the gain that is needed."""
-    study, base = found("nothing").study, found("nothing").searched.baseline
+    study, base = found("nothing").found.study, found("nothing").found.searched.baseline
     sizes = {(one.name, one.parameter): one.value for one in found("nothing").verdict.detectable}
     planted = {**base.values(0), "clock_offset.time": sizes[("clock_offset", "time")]}
     one = study.seen[0]
@@ -170,3 +170,7 @@ def test_identification_takes_a_verdict(tmp_path: Path) -> None:
         assert run(given) == 0
     without, named = (read_fit(tmp_path / f"fit{k}").parameters["bending_stiffness"].value for k in (0, 2))
     assert named == pytest.approx(EI, rel=0.08) and without < 0.8 * EI
+
+
+def test_the_verdict_does_not_depend_on_the_processes() -> None:
+    assert diagnose([made(PLANTED["spot"])], replace(QUICK, workers=2)).verdict == found("spot").verdict

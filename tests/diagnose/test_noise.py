@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from sim.test_recording import recording
 
-from dlolib.diagnose.noise import Whitener, estimate_noise, grid_of
+from dlolib.diagnose.noise import Whitener, grid_of, known_noise, noise_left
 from dlolib.types import Floats, Noise, Points, Recording
 
 SIGMA = 1.5e-3
@@ -58,8 +58,10 @@ def test_a_points_own_covariance_counts() -> None:
 
 @pytest.mark.parametrize(("points", "frames"), [(0.0, 0.0), (0.7, 0.7), (1.5, 1.5)])
 def test_numbers_are_found_again(points: float, frames: float) -> None:
-    made, values = noisy(Noise(SIGMA, points, frames), lost=0.05)
-    found, source = estimate_noise(made, np.zeros_like(values), np.ones(len(values), dtype=bool))
+    made, _ = noisy(Noise(SIGMA, points, frames), lost=0.05)
+    known = known_noise(made)
+    assert known is not None
+    found, source = known
     assert source == "frames 0 to 29, which stand still"
     assert found.sigma_m == pytest.approx(SIGMA, rel=0.08)
     for value, true in ((found.correlation_points, points), (found.correlation_frames, frames)):
@@ -70,8 +72,8 @@ def test_numbers_are_found_again(points: float, frames: float) -> None:
 def test_without_static_frames_the_quick_part_tells() -> None:
     made, values = noisy(Noise(SIGMA, 0.7, 0.7))
     wave = 0.02 * np.sin(made.points.t_s)[:, None] * made.points.s_m[:, None]
-    found, source = estimate_noise(
-        replace(made, static_frames=None), values + wave, np.ones(len(values), bool)
-    )
+    moving = replace(made, static_frames=None)
+    assert known_noise(moving) is None
+    found, source = noise_left(moving, values + wave)
     assert source == "quick part of the residuals"
     assert found.sigma_m == pytest.approx(SIGMA, rel=0.1)

@@ -62,7 +62,9 @@ TRIES = {
     "hidden_obstacle": Try({"x": 0.17, "y": 0.01, "z": -0.12, "radius": 0.03}),
     "inertia_drag": Try({"inertia": 1.0, "drag": 0.05}),
     "clock_offset": Try({"time": 0.08}),
-    "camera_pose": Try({"rotation_1": 0.01, "rotation_2": 0.02, "rotation_3": -0.01, "depth": 0.003}),
+    "camera_pose": Try(
+        {"rotation_1": 0.01, "rotation_2": 0.02, "rotation_3": -0.01, "depth": 0.003, "shift_1": 0.002}
+    ),
 }
 
 

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from dlolib.sim.scene import LAWS
 from dlolib.types import Ends, Floats, Rope
 
-NO_TURN = (0.0, 0.0, 0.0)
+NO_TURN = NO_SHIFT = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -132,10 +132,12 @@ class Slip:
 
 @dataclass(frozen=True)
 class Camera:
-    """What the camera makes of the true points: turned about the world's origin, and moved along its axis."""
+    """What the camera makes of the true points: turned about the world's origin, then moved, along its axis
+    and anywhere."""
 
     rotation: tuple[float, float, float] = NO_TURN
     depth_m: float = 0.0
+    shift_m: tuple[float, float, float] = NO_SHIFT
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ PARAMETERS = (
     Parameter("kappa_1", "1/m", "curvature at rest about the first axis", 0.0, -40.0, 40.0, 0.1, (0.0,)),
     Parameter("kappa_2", "1/m", "curvature at rest about the second axis", 0.0, -40.0, 40.0, 0.1, (0.0,)),
 )
+FORMS = (("kappa_1",), ("kappa_2",), ("kappa_1", "kappa_2"))
 
 
 def apply(setup: Setup, values: Mapping[str, float]) -> Setup:

@@ -1,0 +1,72 @@
+"""What differs between recordings of one object though the object is the same: how it is mounted, where the
+camera stands, and what happened before.
+
+The first recording's poses and camera hold; each further one may differ from it, by as much as its prior lets
+it. What happened before a recording whose motion begins with its first frame is each one's own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from dlolib.identify.parameters import Unknown
+from dlolib.types import Recording
+
+# Deviations expected of a grip, of a camera's direction and place; a difference in mounting worth saying.
+MOUNTED_RAD, TURNED_RAD, SHIFTED_M = np.deg2rad(2.5), np.deg2rad(1.0), 5e-3
+WORTH_SAYING_RAD = np.deg2rad(5.0)
+MOUNTING = ("end_angle", "end_twist")
+PRIORS = {
+    **{f"end_angle.{end}_{axis}": MOUNTED_RAD for end in ("start", "end") for axis in (1, 2)},
+    **{f"end_twist.{end}": MOUNTED_RAD for end in ("start", "end")},
+    **{f"camera_pose.rotation_{axis}": TURNED_RAD for axis in (1, 2, 3)},
+    **{f"camera_pose.shift_{axis}": SHIFTED_M for axis in (1, 2, 3)},
+}
+HISTORY = ("prior_history.kappa_1", "prior_history.kappa_2")
+
+
+def between(recordings: Sequence[Recording]) -> dict[Unknown, float]:
+    """What each recording but the first has for itself, and the deviation expected of it."""
+    return {
+        Unknown(name, k): deviation
+        for k in range(1, len(recordings))
+        for name, deviation in PRIORS.items()
+        if _held(recordings[k], name)
+    }
+
+
+def _held(recording: Recording, name: str) -> bool:
+    """A free end is mounted nowhere."""
+    effect, _, part = name.partition(".")
+    return effect not in MOUNTING or getattr(recording.ends, part.partition("_")[0]) == "clamped"
+
+
+def before(recordings: Sequence[Recording]) -> dict[Unknown, float]:
+    """Of several recordings the curvature that the rope once had, if nobody saw how it came to its first
+    shape: up to that of a circle."""
+    if len(recordings) < 2:
+        return {}
+    return {
+        Unknown(name, k): 2 * np.pi / recording.rope.length_m
+        for k, recording in enumerate(recordings)
+        if begins_unseen(recording)
+        for name in HISTORY
+    }
+
+
+def begins_unseen(recording: Recording) -> bool:
+    """Whether the motion is known from the first frame on alone, so that what came before it is not."""
+    return bool(recording.motion.t_s[0] >= recording.points.t_s.min())
+
+
+def mounted_otherwise(values: Mapping[Unknown, float], names: Sequence[str]) -> Iterator[str]:
+    """A sentence for each recording that is mounted otherwise than the first by more than 5 degrees."""
+    for k, name in enumerate(names):
+        angles = [abs(v) for u, v in values.items() if u.recording == k and u.name.split(".")[0] in MOUNTING]
+        if max(angles, default=0.0) > WORTH_SAYING_RAD:
+            yield f"{name} is mounted {np.rad2deg(max(angles)):.0f} degrees otherwise than {names[0]}."
+
+
+__all__ = ["before", "begins_unseen", "between", "mounted_otherwise"]

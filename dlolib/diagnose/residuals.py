@@ -1,0 +1,60 @@
+"""Whether what a model leaves is noise: the energy of the slow modes of its whitened residuals.
+
+A χ² over all points is too blunt. What is missing bends the rope slowly along its length and from frame to
+frame, and shows in few modes of a cosine transform; the quick ones give the scale, so that a noise estimate
+that is a little off does not matter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from scipy import stats
+from scipy.fft import dctn
+
+from dlolib.diagnose.study import Fitted
+from dlolib.types import Floats
+
+# The slow modes, over frames and along the rope.
+MODES = 8
+# A model whose slow residuals are this unlikely does not explain the recording, if they also are more than
+# this share of what it explains: a law's form is never quite that of the rope.
+UNLIKELY, NEGLIGIBLE = 1e-3, 0.05
+
+
+@dataclass(frozen=True)
+class SlowModes:
+    """Energy of the residuals' slow modes over its expectation, and how likely so much is by chance.
+
+    excess: of χ², over what noise alone would leave there.
+    """
+
+    energy: float
+    p_value: float
+    excess: float
+
+
+def slow_modes(residuals: Sequence[Floats], parameters: int) -> SlowModes:
+    """The test of whitened residuals (F, columns, A) of each recording: slow modes against quick ones."""
+    slow, slow_count, quick, quick_count = 0.0, -parameters, 0.0, 0
+    for grid in residuals:
+        squares = dctn(grid, axes=(0, 1), norm="ortho") ** 2
+        low = squares[:MODES, :MODES]
+        slow += float(low.sum())
+        slow_count += low.size
+        quick += float(squares.sum() - low.sum())
+        quick_count += squares.size - low.size
+    scale = quick / quick_count
+    energy = slow / max(slow_count, 1) / scale
+    p = float(stats.f.sf(energy, max(slow_count, 1), quick_count))
+    return SlowModes(energy, p, slow / scale - slow_count)
+
+
+def explains(model: Fitted, base: Fitted) -> bool:
+    """Whether a model leaves but noise, or little of what it explains."""
+    slow = slow_modes(model.residuals, len(model.unknowns))
+    return slow.p_value >= UNLIKELY or slow.excess <= NEGLIGIBLE * (base.chi2 - model.chi2)
+
+
+__all__ = ["SlowModes", "explains", "slow_modes"]

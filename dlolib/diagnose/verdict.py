@@ -1,0 +1,185 @@
+"""What was found, put together as a verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dlolib.diagnose.ask import Asked
+from dlolib.diagnose.decide import Decision, probabilities
+from dlolib.diagnose.heldout import Foretold
+from dlolib.diagnose.locate import Scan
+from dlolib.diagnose.nuisances import mounted_otherwise
+from dlolib.diagnose.residuals import slow_modes
+from dlolib.diagnose.say import named, summary
+from dlolib.diagnose.search import Searched
+from dlolib.diagnose.study import Fitted, Study
+from dlolib.identify.identify import rms
+from dlolib.identify.problem import axes
+from dlolib.sim.rod import unit_of
+from dlolib.types import (
+    Candidate,
+    Detectable,
+    Estimate,
+    Floats,
+    NextMotion,
+    Noise,
+    Quality,
+    SeenNoise,
+    Verdict,
+)
+
+Z95 = 1.959964
+NEXT = "next_motion.csv"
+
+
+@dataclass(frozen=True)
+class Found:
+    """All that a verdict is made of.
+
+    noise: of the first recording, and where it comes from. foretold: what the models by their effects, the
+    baseline too, leave of the held-out frames. black_box: what it leaves of the fitted and the held-out ones.
+    """
+
+    study: Study
+    noise: tuple[Noise, str]
+    searched: Searched
+    decision: Decision
+    scans: tuple[Scan, ...]
+    detectable: tuple[Detectable, ...]
+    foretold: Mapping[tuple[str, ...], Foretold]
+    black_box: tuple[Foretold, Foretold] | None
+    asked: Asked | None
+
+
+def verdict_of(found: Found) -> Verdict:
+    """The verdict."""
+    study, decision = found.study, found.decision
+    noise, source = found.noise
+    base, best = _quality(found, found.searched.baseline), _quality(found, decision.winner)
+    share = probabilities(study, found.searched)
+    names = decision.winner.effects if decision.status in ("explained", "ambiguous") else ()
+    effects = tuple(named(study, decision.winner, name, share[name], best.parameters) for name in names)
+    mismatch = decision.status != "no_mismatch"
+    where = sorted((p for s in found.scans for p in s.places), key=lambda p: -p.strength) if mismatch else []
+    recordings = tuple(one.recording.name for one in study.seen)
+    mounted = mounted_otherwise(decision.winner.point, recordings)
+    return Verdict(
+        summary=" ".join([summary(decision, effects, where, base, best), *mounted]),
+        recordings=recordings,
+        status=decision.status,
+        noise=SeenNoise(noise.sigma_m, noise.correlation_points, noise.correlation_frames, source),
+        baseline=base,
+        nuisances={name: estimates(study, decision.winner, k) for k, name in enumerate(recordings)},
+        where=tuple(where),
+        effects=effects,
+        candidates=_candidates(found),
+        equivalent=tuple(one.effects for one in decision.tie),
+        augmented=best,
+        detectable=found.detectable,
+        next_motion=_next_motion(found),
+    )
+
+
+def _next_motion(found: Found) -> NextMotion | None:
+    if found.asked is None:
+        return None
+    one, other = found.decision.tie[:2]
+    return NextMotion(NEXT, found.asked.says, (one.effects, other.effects), found.asked.expected)
+
+
+def simulated(study: Study, model: Fitted, k: int) -> Floats:
+    """The points of recording k in a fitted model, (P, 3) [m]."""
+    return np.asarray(study.seen[k].model.predict(study.rod(k, model.values(k))).xyz_m + model.offsets_m[k])
+
+
+def _rmse(study: Study, model: Fitted) -> float:
+    """Distances of observed and simulated points [m], over the observed axes."""
+    off = []
+    for k, one in enumerate(study.seen):
+        left = simulated(study, model, k)[:, axes(one.model)] - one.observed_m
+        off.append(np.linalg.norm(left, axis=1))
+    return rms(np.concatenate(off))
+
+
+def estimates(study: Study, model: Fitted, recording: int | None) -> dict[str, Estimate]:
+    """Parameters shared by all recordings, or those of one, with 95 % intervals from the curvature of χ²."""
+    scale = _scale(model)
+    found = {}
+    for n, (unknown, theta) in enumerate(zip(model.unknowns, model.theta, strict=True)):
+        if unknown.recording != recording:
+            continue
+        half = Z95 * float(np.sqrt(max(model.covariance[n, n], 0.0) * scale))
+        low, high = study.bounds(unknown)
+        ends = [
+            unknown.outward(end) if low < end < high and np.isfinite(end) else None
+            for end in (theta - half, theta + half)
+        ]
+        name = unknown.name
+        unit = unit_of(name)
+        density = study.seen[0].recording.rope.linear_density_kg_m
+        if unknown.stiffness and density is None:
+            name, unit = f"{name}_over_density", "m^4/s^2"
+        found[name] = Estimate(unknown.outward(float(theta)), ends[0], ends[1], unit)
+    return found
+
+
+def _scale(model: Fitted) -> float:
+    """Variance of the whitened residuals: more than 1 where the noise was taken for too small."""
+    count = sum(grid.size for grid in model.residuals)
+    return max(1.0, model.chi2 / max(count - len(model.theta), 1))
+
+
+def _quality(found: Found, model: Fitted) -> Quality:
+    slow = slow_modes(model.residuals, len(model.unknowns))
+    ahead = found.foretold.get(model.effects)
+    return Quality(
+        estimates(found.study, model, None), _rmse(found.study, model),
+        None if ahead is None else ahead.rmse_m, slow.energy, slow.p_value,
+    )  # fmt: skip
+
+
+def _candidates(found: Found) -> tuple[Candidate, ...]:
+    """Every model fitted, best first; the wrong one of the winner's size and the black box marked."""
+    study, base = found.study, found.searched.baseline
+    count = study.count
+    models = sorted((base, *found.searched.models), key=lambda one: one.bic(count))
+    best = models[0].bic(count)
+    wrong = _wrong_same_size(models, found.decision)
+    rows = []
+    for one in models:
+        change, error, rmse_m = _ahead(found, found.foretold.get(one.effects))
+        slow = slow_modes(one.residuals, len(one.unknowns)).energy
+        row = Candidate(
+            one.effects, "library", one.bic(count) - best, change, error, slow, _rmse(study, one), rmse_m
+        )
+        rows.append(row)
+        if one is wrong:
+            rows.append(replace(row, kind="wrong_same_size"))
+    if found.black_box is not None:
+        inside, outside = found.black_box
+        left = float(inside.chi2.sum())
+        bic = max(left + base.parameters * float(np.log(count)) - best, 0.0)
+        change, error, rmse_m = _ahead(found, outside)
+        rows.append(Candidate((), "black_box", bic, change, error, left / count, inside.rmse_m, rmse_m))
+    return tuple(sorted(rows, key=lambda one: one.delta_bic))
+
+
+def _wrong_same_size(models: Sequence[Fitted], decision: Decision) -> Fitted | None:
+    """The best model with as many parameters as the winner that is not of the tie."""
+    right = {one.effects for one in (decision.tie or (decision.winner,))}
+    many = decision.winner.parameters
+    return next((m for m in models if m.effects and m.effects not in right and m.parameters == many), None)
+
+
+def _ahead(found: Found, one: Foretold | None) -> tuple[float | None, float | None, float | None]:
+    """Change in χ² on the held-out frames against the baseline, its standard error, and the distance [m]."""
+    base = found.foretold.get(found.searched.baseline.effects)
+    if one is None or base is None:
+        return None, None, None
+    return (*one.against(base), one.rmse_m)
+
+
+__all__ = ["NEXT", "Found", "estimates", "simulated", "verdict_of"]

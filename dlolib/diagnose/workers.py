@@ -1,0 +1,69 @@
+"""Jobs of a study, shared out among processes of which this one is the first."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from types import TracebackType
+from typing import Any
+
+from dlolib.diagnose.study import Study
+from dlolib.progress import track
+
+_STUDY: list[Study] = []
+
+
+def _begin(study: Study) -> None:
+    _STUDY[:] = [study]
+
+
+def _call(function: Callable[[Study, Any], Any], job: Any) -> Any:
+    return function(_STUDY[0], job)
+
+
+class Workers:
+    """Runs jobs of the study that it was given last, in the same order whoever does them.
+
+    A process of its own takes seconds to start and to compile: it starts with the first study. Others take
+    jobs from the front, this one from the back, so that none waits for long.
+    """
+
+    def __init__(self, count: int) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._others = [ProcessPoolExecutor(1, context) for _ in range(count - 1)]
+        self._study: Study | None = None
+
+    def __enter__(self) -> Workers:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for pool in self._others:
+            pool.shutdown(cancel_futures=True)
+
+    def begin(self, study: Study, ready: Callable[[Study], Any] | None = None) -> None:
+        """Go on with this study; the other processes do `ready` first, which compiles what they need."""
+        self._study = study
+        for pool in self._others:
+            pool.submit(_begin, study)
+            if ready is not None:
+                pool.submit(ready, study)
+
+    def __call__(self, function: Callable[[Study, Any], Any], jobs: Sequence[Any], what: str) -> list[Any]:
+        """What the function makes of the study and each job."""
+        assert self._study is not None, "jobs without a study"
+        futures = [
+            self._others[k % len(self._others)].submit(_call, function, job)
+            for k, job in enumerate(jobs)
+            if self._others
+        ]
+        found: list[Any] = [None] * len(jobs)
+        for k in track(reversed(range(len(jobs))), what, len(jobs)):
+            mine = not self._others or futures[k].cancel()
+            found[k] = function(self._study, jobs[k]) if mine else futures[k].result()
+        return found
+
+
+__all__ = ["Workers"]
