@@ -124,8 +124,7 @@ class Diagnose(Block):
     """What physics is missing: `dlolib.diagnose.DiagnoseSettings`."""
 
     without: list[str]
-    alarm: Positive
-    second: Positive
+    chance: Annotated[float, Field(gt=0, lt=1)]
     tie: NotNegative
     most_effects: Annotated[int, Field(ge=1, le=3)]
     starts: Count

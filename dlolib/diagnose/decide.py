@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from scipy import stats
 
 from dlolib.diagnose.residuals import explains, slow_modes
 from dlolib.diagnose.search import Searched
@@ -28,33 +29,35 @@ class Decision:
 
 def decide(study: Study, searched: Searched, settings: DiagnoseSettings) -> Decision:
     """The verdict's status, winner and tie."""
-    count, base = study.count, searched.baseline
-    models = [one for one in searched.models if _earned(one, searched, settings, count)]
+    frames, base = study.frames, searched.baseline
+    models = [one for one in searched.models if _earned(one, searched, settings)]
     best = models[0] if models else base
-    gain = base.bic(count) - best.bic(count)
-    if gain < settings.alarm:
+    if not models or best.bic(frames) > base.bic(frames):
         slow = slow_modes(base.residuals, len(base.unknowns))
         return Decision("unexplained" if slow.p_value < ALARMING else "no_mismatch", base, ())
     if not explains(best, base):
         return Decision("unexplained", best, ())
-    tie = [one for one in models if one.bic(count) < best.bic(count) + settings.tie]
+    tie = [one for one in models if one.bic(frames) < best.bic(frames) + settings.tie]
     tie = [one for one in tie if one is best or not set(best.effects) < set(one.effects)][:MOST_TIED]
     if len(tie) > 1:
         return Decision("ambiguous", best, tuple(tie))
     return Decision("explained", best, ())
 
 
-def _earned(model: Fitted, searched: Searched, settings: DiagnoseSettings, count: int) -> bool:
-    """Whether every effect is worth its place: without any one of them the rest is worse by more than a
-    tie."""
-    fewer = [one for one in searched.models if set(one.effects) < set(model.effects)]
-    return all(one.bic(count) - model.bic(count) > settings.second for one in fewer)
+def _earned(model: Fitted, searched: Searched, settings: DiagnoseSettings) -> bool:
+    """Whether every effect is worth its place: no model with fewer of them, down to none, is worse only by
+    chance (Wilks' test)."""
+    fewer = [one for one in (searched.baseline, *searched.models) if set(one.effects) < set(model.effects)]
+    return all(
+        stats.chi2.sf(one.chi2 - model.chi2, max(model.parameters - one.parameters, 1)) < settings.chance
+        for one in fewer
+    )
 
 
 def probabilities(study: Study, searched: Searched) -> dict[str, float]:
     """Of each effect: the share of the models with it, by exp(-BIC / 2)."""
     models = [searched.baseline, *searched.models]
-    scores = np.array([one.bic(study.count) for one in models])
+    scores = np.array([one.bic(study.frames) for one in models])
     weights = np.exp(-0.5 * (scores - scores.min()))
     weights /= weights.sum()
     names = {name for one in models for name in one.effects}

@@ -44,9 +44,9 @@ def asked(study: Study, without: tuple[str, ...]) -> list[Size]:
     return found
 
 
-def gain_needed(alarm: float, parameters: int, count: int) -> float:
+def gain_needed(chance: float, parameters: int) -> float:
     """The gain in χ², noise apart, that an effect with so many parameters needs for 95 % power."""
-    threshold = alarm + parameters * np.log(count)
+    threshold = stats.chi2.isf(chance, parameters)
     return float(
         optimize.brentq(
             lambda gain: stats.ncx2.sf(threshold, parameters, gain) - POWER, 1e-6, 1e3 + 10 * threshold
@@ -57,13 +57,13 @@ def gain_needed(alarm: float, parameters: int, count: int) -> float:
 def detectable(study: Study, job: tuple[Fitted, Size, float]) -> Detectable:
     """The size of an effect that is seen with 95 % power; the baseline's own parameters give way.
 
-    The job is the baseline, the effect, and the alarm.
+    The job is the baseline, the effect, and the chance of a false alarm.
     """
-    base, size, alarm = job
+    base, size, chance = job
     full = f"{size.name}.{size.part}"
     known = parameter(full)
     form = min((f for f in forms(EFFECTS[size.name]) if size.part in f), key=len)
-    needed = gain_needed(alarm, len(form), study.count)
+    needed = gain_needed(chance, len(form))
     clean = [one.model.predict(study.rod(k, base.values(k))).xyz_m for k, one in enumerate(study.seen)]
     basis = _basis(study, base)
 

@@ -63,7 +63,7 @@ def diagnose(recordings: Sequence[Recording], settings: DiagnoseSettings) -> Dia
             searched = searched_again(study, searched, run)
         decision = decide(study, searched, settings)
         base, models = searched.baseline, (searched.baseline, *searched.models)
-        sizes = [(base, size, settings.alarm) for size in asked(study, settings.without)]
+        sizes = [(base, size, settings.chance) for size in asked(study, settings.without)]
         seen = run(detectable, sizes, "what can be seen")
         scans = run(scan, [(base, k, settings.seed) for k in range(len(recordings))], "where")
         foretold, boxes = [], [None]

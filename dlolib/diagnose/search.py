@@ -94,7 +94,7 @@ def searched_again(study: Study, before: Searched, run: Workers) -> Searched:
 
 
 def _ordered(study: Study, models: Iterable[Fitted]) -> tuple[Fitted, ...]:
-    return tuple(sorted(models, key=lambda one: one.bic(study.count)))
+    return tuple(sorted(models, key=lambda one: one.bic(study.frames)))
 
 
 def baseline(study: Study) -> Fitted:
@@ -122,7 +122,7 @@ def _singles(study: Study, baseline: Fitted, settings: DiagnoseSettings, run: Wo
 
 
 def _best(study: Study, models: Models) -> Fitted:
-    return min(models.values(), key=lambda one: one.bic(study.count))
+    return min(models.values(), key=lambda one: one.bic(study.frames))
 
 
 def _grown(study: Study, models: Models, size: int, settings: DiagnoseSettings, run: Workers) -> None:
@@ -153,7 +153,7 @@ def _partners(study: Study, fewer: Fitted, settings: DiagnoseSettings, run: Work
     ]
     beside = " and ".join(fewer.effects)
     promised = run(_promise, tasks, f"beside {beside}")
-    penalty = np.log(study.count)
+    penalty = np.log(study.frames)
     scored = [
         (fewer.chi2 - low - penalty * _more(task, have), task)
         for low, task in zip(promised, tasks, strict=True)
@@ -169,10 +169,10 @@ def _partners(study: Study, fewer: Fitted, settings: DiagnoseSettings, run: Work
 
 def _pruned(study: Study, models: Models, run: Workers) -> None:
     """The best models with fewer parameters of their effects, where that is the better form of them."""
-    best = min((one.bic(study.count) for one in models.values()), default=np.inf)
+    best = min((one.bic(study.frames) for one in models.values()), default=np.inf)
     tasks = []
     for one in models.values():
-        if one.bic(study.count) > best + NEAR_PRUNED:
+        if one.bic(study.frames) > best + NEAR_PRUNED:
             continue
         terms = terms_of(one)
         choices = [[f for f in forms(EFFECTS[name]) if set(f) <= set(terms[name])] for name in terms]
@@ -182,7 +182,7 @@ def _pruned(study: Study, models: Models, run: Workers) -> None:
                 tasks.append(Task(fewer, (one.point,), one.offsets_m, 1))
     for one in run(_refit, tasks, "forms"):
         key = () if one is None else tuple(sorted(one.effects))
-        if one is not None and one.bic(study.count) < models[key].bic(study.count):
+        if one is not None and one.bic(study.frames) < models[key].bic(study.frames):
             models[key] = replace(one, effects=key)
 
 
@@ -215,7 +215,7 @@ def _best_forms(study: Study, found: Sequence[Fitted]) -> list[Fitted]:
     best: dict[tuple[str, ...], Fitted] = {}
     for one in found:
         key = tuple(sorted(one.effects))
-        if key not in best or one.bic(study.count) < best[key].bic(study.count):
+        if key not in best or one.bic(study.frames) < best[key].bic(study.frames):
             best[key] = one
     return list(best.values())
 
@@ -274,9 +274,9 @@ def _refined(
 ) -> list[Fitted]:
     """The best forms, those near the best of them with the mesh's error at their own optimum."""
     fits = _best_forms(study, [one for one in found if one is not None])
-    best = min((one.bic(study.count) for one in fits), default=np.inf)
-    margin = max(NEAR, NEAR_SHARE * (baseline.bic(study.count) - best))
-    near = [one for one in fits if one.bic(study.count) < best + margin]
+    best = min((one.bic(study.frames) for one in fits), default=np.inf)
+    margin = max(NEAR, NEAR_SHARE * (baseline.bic(study.frames) - best))
+    near = [one for one in fits if one.bic(study.frames) < best + margin]
     tasks = [Task(terms_of(one), (one.point,), one.offsets_m, 1) for one in near]
     again = run(_refit, tasks, f"{what}, refined")
     better = {one.effects: new for one, new in zip(near, again, strict=True) if new is not None}

@@ -42,8 +42,8 @@ class DiagnoseSettings:
     Args:
         particles, longest_segment_m, time_step_s: of the rod, as in `IdentifySettings`.
         without: effects taken out of the library.
-        alarm: by how much the best model's BIC must be better than the baseline's for a mismatch to be there.
-        second: by how much a pair's BIC must be better than either effect's alone.
+        chance: how unlikely the gain of an effect must be by chance, for a mismatch to be there or a further
+            effect to be worth its place.
         tie: models whose BIC is within this of the best are as good.
         most_effects: no model has more.
         starts: from how many of its starting points a model is fitted in full.
@@ -57,8 +57,7 @@ class DiagnoseSettings:
     longest_segment_m: float = 0.016
     time_step_s: float = 0.01
     without: tuple[str, ...] = ()
-    alarm: float = 8.0
-    second: float = 8.0
+    chance: float = 5e-5
     tie: float = 6.0
     most_effects: int = 3
     starts: int = 2
@@ -121,9 +120,9 @@ class Study:
         return replace(self, seen=self.ahead, ahead=()) if self.ahead else None
 
     @cached_property
-    def count(self) -> int:
-        """Coordinates observed."""
-        return sum(one.observed_m.size for one in self.seen)
+    def frames(self) -> int:
+        """Frames observed: the independent observations, since the points of one move together."""
+        return sum(one.whitener.shape[0] for one in self.seen)
 
     def rod(self, k: int, values: Values) -> Rod:
         """The rod of recording k."""
@@ -236,9 +235,9 @@ class Fitted:
         """By name, for recording k."""
         return values_of(self.point, k)
 
-    def bic(self, count: int) -> float:
-        """Schwarz's criterion over `count` coordinates."""
-        return self.chi2 + self.parameters * float(np.log(count))
+    def bic(self, frames: int) -> float:
+        """Schwarz's criterion, with the frames as the observations."""
+        return self.chi2 + self.parameters * float(np.log(frames))
 
 
 @dataclass

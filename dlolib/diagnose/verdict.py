@@ -144,26 +144,26 @@ def _quality(found: Found, model: Fitted) -> Quality:
 def _candidates(found: Found) -> tuple[Candidate, ...]:
     """Every model fitted, best first; the wrong one of the winner's size and the black box marked."""
     study, base = found.study, found.searched.baseline
-    count = study.count
-    models = sorted((base, *found.searched.models), key=lambda one: one.bic(count))
-    best = models[0].bic(count)
+    frames = study.frames
+    models = sorted((base, *found.searched.models), key=lambda one: one.bic(frames))
+    best = models[0].bic(frames)
     wrong = _wrong_same_size(models, found.decision)
     rows = []
     for one in models:
         change, error, rmse_m = _ahead(found, found.foretold.get(one.effects))
         slow = slow_modes(one.residuals, len(one.unknowns)).energy
         row = Candidate(
-            one.effects, "library", one.bic(count) - best, change, error, slow, _rmse(study, one), rmse_m
+            one.effects, "library", one.bic(frames) - best, change, error, slow, _rmse(study, one), rmse_m
         )
         rows.append(row)
         if one is wrong:
             rows.append(replace(row, kind="wrong_same_size"))
     if found.black_box is not None:
         inside, outside = found.black_box
-        left = float(inside.chi2.sum())
-        bic = max(left + base.parameters * float(np.log(count)) - best, 0.0)
+        left, coordinates = float(inside.chi2.sum()), sum(one.observed_m.size for one in study.seen)
+        bic = max(left + base.parameters * float(np.log(frames)) - best, 0.0)
         change, error, rmse_m = _ahead(found, outside)
-        rows.append(Candidate((), "black_box", bic, change, error, left / count, inside.rmse_m, rmse_m))
+        rows.append(Candidate((), "black_box", bic, change, error, left / coordinates, inside.rmse_m, rmse_m))
     return tuple(sorted(rows, key=lambda one: one.delta_bic))
 
 

@@ -119,7 +119,7 @@ def test_detectable_sizes_are_those_that_are_seen() -> None:
     recording = replace(one.recording, points=replace(one.recording.points, xyz_m=xyz))
     seen = replace(study, seen=(replace(one, model=replace(one.model, recording=recording)),))
     left = fit(hypothesis(seen, {}, (np.zeros_like(xyz),)), base.theta).chi2
-    assert left == pytest.approx(gain_needed(QUICK.alarm, 1, study.count), rel=0.15)
+    assert left == pytest.approx(gain_needed(QUICK.chance, 1), rel=0.15)
 
 
 def test_the_folder_is_written_and_read_again(tmp_path: Path) -> None:
