@@ -172,6 +172,9 @@ def diagnose(
         typer.Option("--without", metavar="EFFECT", help="Take an effect out of the library."),
     ] = None,
     quasi_static: QuasiStatic = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes; the verdict does not depend on them.")
+    ] = None,
 ) -> None:
     """Say what physics an elastic rod leaves out of recordings: verdict.json, figures, the next motion."""
     from dlolib.diagnose import diagnose as diagnose_recordings
@@ -186,7 +189,9 @@ def diagnose(
             problem = f"unknown effect {name!r}"
             raise ParameterError(problem, place="--without", mend=f"choose from {', '.join(sorted(EFFECTS))}")
     given = [_timed(read_recording(folder), quasi_static) for folder in recordings]
-    diagnosis = diagnose_recordings(given, _diagnose_settings(tuple(without or ())))
+    settings = _diagnose_settings(tuple(without or ()))
+    settings = replace(settings, workers=workers or settings.workers)
+    diagnosis = diagnose_recordings(given, settings)
     with whole_folder(out) as folder:
         write_diagnosis(diagnosis, folder)
         draw_diagnosis(folder)

@@ -37,7 +37,7 @@ WORK = DATA / "proof"
 RECORDINGS, SEALED, VERDICTS = WORK / "recordings", WORK / "sealed", WORK / "verdicts"
 CALIBRATION = WORK / "calibration"
 BOOK = REPORTS / "proof"
-COMMAND = "dlo diagnose {recording} --out {out}"
+COMMAND = "dlo diagnose {recording} --out {out} --workers 1"
 WORKERS, LIMIT_S = 2, 1800
 CALIBRATION_NULLS, CALIBRATION_SIZE = 12, 3.0
 

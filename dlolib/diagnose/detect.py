@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,8 +18,8 @@ from dlolib.types import Detectable, Floats
 POWER = 0.95
 # Sizes are sought to this many decades, over so many of them; what is larger than so many scales is absurd.
 CLOSE, DECADES, ABSURD = 0.02, 8.0, 3.0
-# Logarithm of a gain that is far from the one needed.
-FAR = 50.0
+# Logarithm of a gain that is far from the one needed; its growth with a decade where it goes with the square.
+FAR, SQUARED, MOST_STEPS = 50.0, 2 * np.log(10), 6
 
 
 @dataclass(frozen=True)
@@ -78,12 +79,22 @@ def detectable(study: Study, job: tuple[Fitted, Size, float]) -> Detectable:
     high = _largest(known)
     if excess(high) < 0:
         return Detectable(size.name, size.part, None, known.unit)
-    found = (
-        optimize.brentq(excess, high - DECADES, high, xtol=CLOSE)
-        if excess(high - DECADES) < 0
-        else high - DECADES
-    )
-    return Detectable(size.name, size.part, _value(known, found), known.unit)
+    return Detectable(size.name, size.part, _value(known, _root(excess, high)), known.unit)
+
+
+def _root(excess: Callable[[float], float], high: float) -> float:
+    """The decades at which the excess is 0. Most gains go with the square of the size, so that one step from
+    a small size leads near."""
+    small = high - DECADES / 2
+    at_small = excess(small)
+    if abs(at_small) < FAR:
+        guess = small - at_small / SQUARED
+        near = optimize.root_scalar(excess, x0=guess, x1=guess + CLOSE, xtol=CLOSE, maxiter=MOST_STEPS)
+        if near.converged and high - DECADES < near.root < high:
+            return float(near.root)
+    if excess(high - DECADES) > 0:
+        return high - DECADES
+    return float(optimize.brentq(excess, high - DECADES, high, xtol=CLOSE))
 
 
 def _value(known: Parameter, decades: float) -> float:

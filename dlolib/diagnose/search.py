@@ -35,8 +35,8 @@ Effects = tuple[str, ...]
 Models = dict[Effects, "Fitted"]
 # Blocks of the recording in which the rope may be off, and from how many of them a fit may begin.
 FRAME_BLOCKS, ROPE_BLOCKS, HINTS = 8, 8, 5
-# A pair is fitted in full where a linear step from the best single effect promises this much in BIC.
-PROMISING = -10.0
+# One more effect is fitted in full where a linear step from the fit without it promises this much in BIC.
+PROMISING = 0.0
 # Models whose BIC is further from the best than this, or than this share of its gain, are fitted well enough.
 NEAR, NEAR_SHARE = 60.0, 0.3
 # Models this near to the best are tried with fewer parameters, too.
@@ -63,8 +63,9 @@ class Searched:
 
 # How often the baseline's mesh error is made anew; how often effects are looked for beside the best ones.
 CORRECTIONS, ROUNDS = 2, 4
-# Evaluations of a fit before it is asked whether another start leads to a better one.
-ROUGH = 6
+# Evaluations of a fit before it is asked whether another start leads to one better by this in χ²; the share
+# of χ² at which a first fit's steps end.
+ROUGH, AHEAD, FIRST_TOLERANCE = 6, 10.0, 1e-5
 
 
 def search(study: Study, settings: DiagnoseSettings, run: Workers) -> Searched:
@@ -249,13 +250,14 @@ def _fit(study: Study, task: Task) -> Fitted | None:
     for _, theta in _ranked(study, task)[: task.best]:
         model = hypothesis(study, task.terms, task.offsets_m)
         try:
-            rough.append((fit(model, theta, ROUGH), model))
+            rough.append((fit(model, theta, ROUGH, FIRST_TOLERANCE), model))
         except SimulationError:
             continue
     if not rough:
         return None
     best = min(one.chi2 for one, _ in rough)
-    ends = [fit(model, one.theta) for one, model in rough if one.chi2 < best + NEAR]
+    ahead = [(one, model) for one, model in rough if one.chi2 < best + AHEAD]
+    ends = [fit(model, one.theta, tolerance=FIRST_TOLERANCE) for one, model in ahead]
     return min(ends, key=lambda one: one.chi2)
 
 

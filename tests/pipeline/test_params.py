@@ -9,12 +9,14 @@ import pytest
 
 from dlolib import params
 from dlolib.chain import ChainSettings
+from dlolib.diagnose import DiagnoseSettings
 from dlolib.errors import ParameterError
 from dlolib.identify import DescentSettings, IdentifySettings
 from dlolib.lab.camera import Sensor
 from dlolib.lab.rope import LabRope
 from dlolib.learn import LearnSettings
 from dlolib.params import Chain, Identify, Params, load, load_block
+from stages.diagnose import settings as diagnose_settings
 from tests.pipeline.conftest import ROOT
 
 TEXT = (ROOT / "params.yaml").read_text()
@@ -92,6 +94,7 @@ def test_a_block_is_read_without_the_others(tmp_path: Path) -> None:
         (params.Identify, IdentifySettings, {"particles", "longest_segment_m", "time_step_s", "sweeps"}),
         (params.PaperDescent, DescentSettings, set()),
         (params.Learn, LearnSettings, {"particles", "loss"}),
+        (params.Diagnose, DiagnoseSettings, {"particles", "longest_segment_m", "time_step_s"}),
         (params.LabRope, LabRope, set()),
         (params.LabSensor, Sensor, set()),
     ],
@@ -99,3 +102,9 @@ def test_a_block_is_read_without_the_others(tmp_path: Path) -> None:
 def test_blocks_offer_every_setting(block: type[params.Block], settings: type, elsewhere: set[str]) -> None:
     """What can be set in the code can be set in params.yaml; `elsewhere`: in block `rod`, or by the stage."""
     assert {field.name for field in fields(settings)} - elsewhere <= set(block.model_fields)
+
+
+def test_the_proof_diagnoses_with_the_settings_of_the_pipeline(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A shard's recordings are diagnosed where no params.yaml is."""
+    monkeypatch.chdir(ROOT)
+    assert diagnose_settings() == DiagnoseSettings()
