@@ -18,8 +18,9 @@ from dlolib.types import Detectable, Floats
 POWER = 0.95
 # Sizes are sought to this many decades, over so many of them; what is larger than so many scales is absurd.
 CLOSE, DECADES, ABSURD = 0.02, 8.0, 3.0
-# Logarithm of a gain that is far from the one needed; its growth with a decade where it goes with the square.
-FAR, SQUARED, MOST_STEPS = 50.0, 2 * np.log(10), 6
+# Logarithm of a gain that is far from the one needed; its growth with a decade where it goes with the square;
+# decades that such a guess may be off.
+FAR, SQUARED, NEAR = 50.0, 2 * np.log(10), 0.1
 
 
 @dataclass(frozen=True)
@@ -86,15 +87,11 @@ def _root(excess: Callable[[float], float], high: float) -> float:
     """The decades at which the excess is 0. Most gains go with the square of the size, so that one step from
     a small size leads near."""
     small = high - DECADES / 2
-    at_small = excess(small)
-    if abs(at_small) < FAR:
-        guess = small - at_small / SQUARED
-        near = optimize.root_scalar(excess, x0=guess, x1=guess + CLOSE, xtol=CLOSE, maxiter=MOST_STEPS)
-        if near.converged and high - DECADES < near.root < high:
-            return float(near.root)
-    if excess(high - DECADES) > 0:
-        return high - DECADES
-    return float(optimize.brentq(excess, high - DECADES, high, xtol=CLOSE))
+    guess = small - excess(small) / SQUARED
+    low, up = guess - NEAR, guess + NEAR
+    if not (low > high - DECADES and up < high and excess(low) < 0 < excess(up)):
+        low, up = high - DECADES, high
+    return low if excess(low) > 0 else float(optimize.brentq(excess, low, up, xtol=CLOSE))
 
 
 def _value(known: Parameter, decades: float) -> float:
