@@ -11,7 +11,7 @@ WORKERS ?= 2
 
 .PHONY: help
 help: ## list these commands
-	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /  make \1\t/' | expand -t 18
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  make \1\t/' | expand -t 18
 
 .PHONY: setup
 setup: .venv/installed ## make .venv and nothing else (the commands below do it by themselves)
@@ -72,6 +72,16 @@ proof: .venv/installed ## the blind proof: SHARDS of SIZE recordings drawn from 
 .PHONY: proof-calibration
 proof-calibration: .venv/installed ## recordings of the proof's laboratory with their answers, to set thresholds by
 	@python -m stages.proof --calibration
+
+.PHONY: practice
+practice: .venv/installed ## diagnose recordings in DATA=DIR whose truth.json lies beside them, and score them
+	@[ -n "$(DATA)" ] || { echo "make practice: DATA is not set; say where the recordings lie: make practice DATA=DIR" >&2; exit 2; }
+	@python -m stages.concealed practice "$(DATA)"
+
+.PHONY: sealed
+sealed: .venv/installed ## diagnose recordings in DATA=DIR whose answers are kept elsewhere: reports/sealed, made once
+	@[ -n "$(DATA)" ] || { echo "make sealed: DATA is not set; say where the recordings lie: make sealed DATA=DIR" >&2; exit 2; }
+	@python -m stages.concealed sealed "$(DATA)"
 
 .PHONY: validation
 validation: .venv/installed ## the rod against theory: docs/validation.md and its figures

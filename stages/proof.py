@@ -38,6 +38,7 @@ RECORDINGS, SEALED, VERDICTS = WORK / "recordings", WORK / "sealed", WORK / "ver
 CALIBRATION = WORK / "calibration"
 BOOK = REPORTS / "proof"
 COMMAND = "dlo diagnose {recording} --out {out} --workers 1"
+FILES = ("recording.json", "motion.csv", "points.csv")
 WORKERS, LIMIT_S = 2, 1800
 CALIBRATION_NULLS, CALIBRATION_SIZE = 12, 3.0
 
@@ -135,7 +136,9 @@ def diagnose(recording: Path, verdict: Path, command: str) -> None:
         return
     with tempfile.TemporaryDirectory() as folder:
         copy, out = Path(folder) / recording.name, Path(folder) / "out"
-        shutil.copytree(recording, copy)
+        copy.mkdir()
+        for name in FILES:
+            shutil.copy(recording / name, copy)
         words = [word.format(recording=copy, out=out) for word in shlex.split(command)]
         try:
             done = subprocess.run(

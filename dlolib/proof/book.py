@@ -30,7 +30,7 @@ def note(book: Path, shard: str, answers: Path, size: int) -> None:
     row = {
         "shard": shard,
         "started": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}",
-        "commit": _git("rev-parse", "HEAD"),
+        "commit": commit(),
         "version": version(),
         "answers_sha256": seal(answers),
         "size": str(size),
@@ -57,6 +57,11 @@ def seal(answers: Path) -> str:
     for path in sorted(answers.glob("*.json")):
         digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()
+
+
+def commit() -> str:
+    """The commit that is checked out."""
+    return _git("rev-parse", "HEAD")
 
 
 def version() -> str:

@@ -1,0 +1,107 @@
+"""Recordings in which others concealed what is missing.
+
+`make practice DATA=DIR`: those whose answer lies beside them (truth.json), diagnosed without it and scored:
+reports/practice.json. `make sealed DATA=DIR`: those whose answers are kept elsewhere; each verdict is made
+once, reports/sealed/<name>/verdict.json, with the commit that made it beside it.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from dlolib.errors import ParameterError
+from dlolib.files import whole_folder, write_json
+from dlolib.proof import book
+from dlolib.proof.score import named
+from stages import DATA, REPORTS, run
+from stages.proof import diagnose
+
+COMMAND = "dlo diagnose {recording} --out {out}"
+NEAR = 0.1
+
+
+def main(kind: str, data: str) -> None:
+    folders = sorted(path.parent for path in Path(data).glob("*/recording.json"))
+    if not folders:
+        raise ParameterError("no recordings", file=data, mend="say where the recordings lie: DATA=DIR")
+    if kind == "sealed":
+        sealed(folders)
+    else:
+        write_json(REPORTS / "practice.json", {"command": "make practice DATA=DIR", **practice(folders)})
+
+
+def practice(folders: list[Path]) -> dict[str, Any]:
+    """Diagnose, then compare with each truth.json."""
+    rows = {}
+    for folder in folders:
+        begun = time.monotonic()
+        verdict = _verdict(folder)
+        seconds = round(time.monotonic() - begun, 1)
+        truth = json.loads((folder / "truth.json").read_text())
+        rows[folder.name] = {"seconds": seconds, **held(verdict, truth)}
+    right = sum(row["names_right"] for row in rows.values())
+    inside = [one["inside"] for row in rows.values() for one in row["parameters"].values()]
+    counts = {"names_right": right, "of": len(rows), "inside": sum(inside), "planted": len(inside)}
+    return counts | {"recordings": rows}
+
+
+def held(verdict: Mapping[str, Any], truth: Mapping[str, Any]) -> dict[str, Any]:
+    """A verdict beside the truth: each planted parameter inside its 95 % interval or within a tenth."""
+    planted = {"bending_stiffness": truth["bending_stiffness"]}
+    planted |= {f"{name}.{key}": v for name, parts in truth["parameters"].items() for key, v in parts.items()}
+    fitted = verdict["augmented" if verdict["effects"] else "baseline"]["parameters"]
+    said, true = named(verdict), sorted(truth["effects"])
+    return {
+        "status": verdict["status"],
+        "named": said,
+        "true": true,
+        "names_right": verdict["status"] in ("explained", "no_mismatch") and said == true,
+        "parameters": {key: _inside(fitted.get(key), value) for key, value in planted.items()},
+    }
+
+
+def _inside(estimate: Mapping[str, Any] | None, true: float) -> dict[str, Any]:
+    if estimate is None:
+        return {"true": true, "value": None, "low": None, "high": None, "inside": False}
+    value, low, high = estimate["value"], estimate["low"], estimate["high"]
+    covered = (low is None or low <= true) and (high is None or true <= high)
+    near = abs(value - true) <= NEAR * abs(true)
+    return {"true": true, "value": value, "low": low, "high": high, "inside": covered or near}
+
+
+def sealed(folders: list[Path]) -> None:
+    """Make the verdicts that are not made yet, from a tree without changes."""
+    changed = subprocess.run(
+        ["git", "status", "--porcelain", "dlolib", "params.yaml"], capture_output=True, text=True, check=True
+    ).stdout
+    if changed:
+        raise ParameterError("dlolib has changes", mend="commit them: a sealed verdict names what made it")
+    for folder in folders:
+        out = REPORTS / "sealed" / folder.name
+        if out.exists():
+            continue
+        verdict = _verdict(folder)
+        with whole_folder(out) as temporary:
+            write_json(temporary / "verdict.json", verdict)
+            made = {"command": "make sealed DATA=DIR", "commit": book.commit(), "version": book.version()}
+            write_json(temporary / "made.json", made)
+
+
+def _verdict(folder: Path) -> dict[str, Any]:
+    """Diagnosed on a copy in a folder of its own, far from any answer; once for each version of dlolib."""
+    out = DATA / "proof/concealed" / book.version() / folder.name
+    diagnose(folder, out, COMMAND)
+    done = json.loads((out / "done.json").read_text())
+    if done["exit_status"] != 0:
+        raise ParameterError(f"the diagnosis ended with {done['exit_status']}: {done['stderr']}", file=folder)
+    return dict(json.loads((out / "verdict.json").read_text()))
+
+
+if __name__ == "__main__":
+    run(main, *sys.argv[1:])
