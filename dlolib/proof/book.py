@@ -14,6 +14,18 @@ from dlolib.errors import ParameterError
 from dlolib.files import write_csv
 
 RUNS = "runs.csv"
+# What the diagnosis is made of: all that `dlolib.diagnose` imports.
+PARTS = (
+    "dlolib/diagnose",
+    "dlolib/errors.py",
+    "dlolib/files.py",
+    "dlolib/formats",
+    "dlolib/identify",
+    "dlolib/obstacles.py",
+    "dlolib/progress.py",
+    "dlolib/sim",
+    "dlolib/types.py",
+)
 COLUMNS = ("shard", "started", "commit", "version", "answers_sha256", "size", "state", "seed")
 
 
@@ -65,12 +77,13 @@ def commit() -> str:
 
 
 def version() -> str:
-    """What dlolib is: git's hash of its tree, with `+changes` where the working tree differs.
+    """What diagnoses: a hash over git's hashes of `PARTS`, with `+changes` where the working tree differs.
 
-    Commits that only add results leave it alone, so that shards before and after them count together.
+    Commits that change nothing of it leave it alone, so that shards before and after them count together.
     """
-    changed = "+changes" if _git("status", "--porcelain", "dlolib") else ""
-    return _git("rev-parse", "HEAD:dlolib") + changed
+    parts = _git("ls-tree", "-r", "HEAD", "--", *PARTS)
+    changed = "+changes" if _git("status", "--porcelain", "--", *PARTS) else ""
+    return hashlib.sha1(parts.encode(), usedforsecurity=False).hexdigest() + changed
 
 
 def _git(*words: str) -> str:

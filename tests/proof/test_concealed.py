@@ -42,8 +42,8 @@ def verdict(time_s: float = 0.21, status: str = "explained") -> dict[str, Any]:
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A recording with its truth, and a fresh repository with a diagnosis that says what VERDICT is."""
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "dlolib").mkdir()
-    (tmp_path / "dlolib/diagnose.py").touch()
+    (tmp_path / "dlolib/diagnose").mkdir(parents=True)
+    (tmp_path / "dlolib/diagnose/diagnose.py").touch()
     who = ["-c", "user.name=x", "-c", "user.email=x@x"]
     for words in (["init", "-q"], ["add", "dlolib"], ["commit", "-q", "-m", "x"]):
         subprocess.run(["git", *who, *words], check=True)
@@ -92,7 +92,7 @@ def test_a_sealed_verdict_is_made_once(folder: Path) -> None:
 
 
 def test_a_changed_tree_seals_nothing(folder: Path) -> None:
-    Path("dlolib/diagnose.py").write_text("changed = True\n")
+    Path("dlolib/diagnose/diagnose.py").write_text("changed = True\n")
     with pytest.raises(ParameterError, match="dlolib has changes"):
         concealed.main("sealed", str(folder))
     assert not Path("reports/sealed").exists()

@@ -12,7 +12,7 @@ import pytest
 from dlolib.errors import ParameterError
 from dlolib.proof import book
 from stages import proof
-from tests.pipeline.imports import import_graph
+from tests.pipeline.imports import import_graph, parts_of
 
 SAYS = """
 import json, sys
@@ -36,8 +36,8 @@ def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(proof, "draw_names", lambda seed, size: [()] * size)
     monkeypatch.setattr(proof, "ProcessPoolExecutor", proof.ThreadPoolExecutor)
-    (tmp_path / "dlolib").mkdir()
-    (tmp_path / "dlolib/diagnose.py").touch()
+    (tmp_path / "dlolib/diagnose").mkdir(parents=True)
+    (tmp_path / "dlolib/diagnose/diagnose.py").touch()
     for words in (["git", "init", "-q"], ["git", "add", "dlolib"], ["git", "commit", "-q", "-m", "x"]):
         who = ["-c", "user.name=x", "-c", "user.email=x@x"]
         subprocess.run([words[0], *who, *words[1:]], check=True)
@@ -102,3 +102,8 @@ def test_what_infers_cannot_reach_the_laboratory() -> None:
         inside = {package} | graph.find_descendants(package)
         for module in inside:
             assert not any(name.startswith("dlolib.proof") for name in graph.find_upstream_modules(module))
+
+
+def test_the_version_is_of_all_that_diagnoses() -> None:
+    made_of = {part for part in parts_of("diagnose") if part.startswith("dlolib/")}
+    assert made_of - {"dlolib/params.py"} == set(book.PARTS)
