@@ -50,7 +50,8 @@ def menu(motion: Motion) -> list[tuple[str, Motion]]:
     speed = _speed(motion)
     last, bent = _pose(motion, -1), _pose(motion, _most_bent(motion))
     there = _go(last, bent, speed)
-    rolls = [_rolled(bent, angle) for angle in (ROLL_RAD, -ROLL_RAD, 0.0)]
+    # back through where it began: from one side straight to the other would be the short way round
+    rolls = [_rolled(bent, angle) for angle in (ROLL_RAD, 0.0, -ROLL_RAD, 0.0)]
     turning, at = [there], bent
     for pose in rolls:
         turning.append(_go(at, pose, speed))

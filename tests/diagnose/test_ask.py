@@ -1,0 +1,42 @@
+"""The next motion: one a robot can do from where it stands, and one that tells the two models apart."""
+
+import numpy as np
+import pytest
+from diagnose.test_diagnose import found, made
+from scipy.spatial.transform import Rotation
+
+from dlolib.diagnose.ask import QUICKER, ROLL_RAD, menu, next_motion
+
+MOTION = made({}).motion
+
+
+def test_every_motion_of_the_menu_goes_on_from_the_last_pose() -> None:
+    speed = np.linalg.norm(np.diff(MOTION.end_m, axis=0), axis=1).max() / np.diff(MOTION.t_s).min()
+    for says, motion in menu(MOTION):
+        assert motion.t_s[0] == 0 and (np.diff(motion.t_s) > 0).all(), says
+        for name in ("start_m", "start_q", "end_m", "end_q"):
+            assert getattr(motion, name)[0] == pytest.approx(getattr(MOTION, name)[-1], abs=1e-9), says
+        ways = np.linalg.norm(np.diff(motion.end_m, axis=0), axis=1)
+        assert (ways <= 1.01 * QUICKER * speed * np.diff(motion.t_s)).all(), says
+        assert (np.sum(motion.end_q[1:] * motion.end_q[:-1], axis=1) > 0.9).all(), says
+
+
+def test_the_roll_is_about_the_rope() -> None:
+    (_, roll), *_ = menu(MOTION)
+    turns = Rotation.from_quat(roll.end_q[0], scalar_first=True).inv() * Rotation.from_quat(
+        roll.end_q, scalar_first=True
+    )
+    rolled = turns.as_rotvec()
+    assert np.abs(rolled[:, :2]).max() < 1e-6
+    assert rolled[:, 2].max() == pytest.approx(ROLL_RAD) and rolled[:, 2].min() == pytest.approx(-ROLL_RAD)
+
+
+def test_two_laws_are_told_apart_and_a_model_is_not_told_from_itself() -> None:
+    study = found("plastic").found.study
+    models = {one.effects: one for one in found("plastic").found.searched.models}
+    plastic, friction = models[("plastic_bending",)], models[("internal_friction",)]
+    asked = next_motion(study, plastic, friction)
+    assert asked is not None and asked.expected > 10
+    assert asked.says in [says for says, _ in menu(study.seen[0].recording.motion)]
+    same = next_motion(study, plastic, plastic)
+    assert same is not None and same.expected < 1e-6
