@@ -11,11 +11,14 @@ from scipy import stats
 from dlolib.diagnose.residuals import explains, slow_modes
 from dlolib.diagnose.search import Searched
 from dlolib.diagnose.study import DiagnoseSettings, Fitted, Study
+from dlolib.sim.effects import EFFECTS
 
 Status = Literal["no_mismatch", "explained", "ambiguous", "unexplained"]
 # Slow residuals this unlikely are a mismatch even where no effect takes them up.
 ALARMING = 1e-5
 MOST_TIED = 3
+# What an ideal law leaves because the rope's is of another form, as a share of what it explains, at most.
+OFF = 0.01
 
 
 @dataclass(frozen=True)
@@ -45,13 +48,20 @@ def decide(study: Study, searched: Searched, settings: DiagnoseSettings) -> Deci
 
 
 def _earned(model: Fitted, searched: Searched, settings: DiagnoseSettings) -> bool:
-    """Whether every effect is worth its place: no model with fewer of them, down to none, is worse only by
-    chance (Wilks' test)."""
-    fewer = [one for one in (searched.baseline, *searched.models) if set(one.effects) < set(model.effects)]
-    return all(
-        stats.chi2.sf(one.chi2 - model.chi2, max(model.parameters - one.parameters, 1)) < settings.chance
-        for one in fewer
-    )
+    """Whether every effect is worth its place beside any fewer of them, down to none."""
+    base = searched.baseline
+    fewer = [one for one in (base, *searched.models) if set(one.effects) < set(model.effects)]
+    return all(_better(model, one, base, settings) for one in fewer)
+
+
+def _better(model: Fitted, fewer: Fitted, base: Fitted, settings: DiagnoseSettings) -> bool:
+    """Whether more effects gain more than chance would (Wilks' test), and more than a law's form is off."""
+    gain = fewer.chi2 - model.chi2
+    ideal = any(getattr(EFFECTS[name], "IDEAL", False) for name in fewer.effects)
+    if ideal and gain < OFF * (base.chi2 - fewer.chi2):
+        return False
+    more = max(model.parameters - fewer.parameters, 1)
+    return bool(stats.chi2.sf(gain, more) < settings.chance)
 
 
 def probabilities(study: Study, searched: Searched) -> dict[str, float]:

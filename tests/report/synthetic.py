@@ -11,6 +11,7 @@ from report.diagnosed import write_diagnosed
 
 from dlolib.files import write_csv, write_json
 from dlolib.formats import write_capture_index, write_fit, write_layout, write_motion, write_recording
+from dlolib.proof.score import summarise
 from dlolib.report.pictures import project
 from dlolib.types import (
     Camera,
@@ -307,6 +308,32 @@ def _write_extras(folder: Path) -> None:
     write_json(folder / "elastic.json", {**elastic, "rmse_m": 0.0012})
     _write_solvers(folder / "solvers.json")
     _write_bench(folder / "bench.json")
+    _write_proof(folder)
+
+
+def _write_proof(folder: Path) -> None:
+    """A shard of five: found, tied, missed, nothing, and a false alarm; one practice recording."""
+
+    def row(true: list[str], status: str, named: list[str], outcome: str) -> dict[str, object]:
+        tie = [[name] for name in (*named, "end_angle")] if status == "ambiguous" else []
+        said = {"status": status, "named": named, "tie": tie, "outcome": outcome}
+        return {"true": true, "detectable": true, "elastic_gain": 50.0 * len(true), **said}
+
+    rows = [
+        row(["clock_offset"], "explained", ["clock_offset"], "right")
+        | {"covered": {"clock_offset.time": True}, "stiffness_error": {"baseline": 0.2, "augmented": 0.01}},
+        row(["mass_profile"], "ambiguous", ["mass_profile"], "tied"),
+        row(["mass_profile"], "no_mismatch", [], "missed"),
+        row([], "no_mismatch", [], "right"),
+        row([], "explained", ["end_angle"], "wrong"),
+    ]
+    shards = {"started": 2, "scored": 1, "version": "0a1b", "shards": ["shard_1"]}
+    write_json(folder / "proof/summary.json", shards | summarise(rows))
+    held = {"true": 3e-4, "value": 3.02e-4, "low": 2.9e-4, "high": 3.1e-4, "inside": True}
+    one = {"seconds": 31.0, "status": "explained", "named": ["clock_offset"], "true": ["clock_offset"]}
+    planted = {"bending_stiffness": held, "clock_offset.time": {**held, "inside": False}}
+    practice = {"recordings": {"practice_clock": {**one, "names_right": True, "parameters": planted}}}
+    write_json(folder / "practice.json", practice)
 
 
 def _write_solvers(path: Path) -> None:

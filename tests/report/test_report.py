@@ -19,7 +19,8 @@ from dlolib.report import Results, build_report, collect
 REQUESTS = ("src", "href", "srcset", "data", "action", "poster", "background", "xlink:href")
 OUTPUTS = ("report.json", "report.html", "report.pdf")
 UNITS = re.compile(
-    r"mm|\bm\b|N m²|m⁴/s²|N m|rad|%|\bs\b|px|g/m|kg/m|1/m|frames|poses|iterations|layouts|runs|mm a point|α"
+    r"mm|\bm\b|N m²|m⁴/s²|N m|rad|%|\bs\b|px|g/m|kg/m|1/m|frames|poses|iterations|layouts|runs|recordings"
+    r"|intervals|values|mm a point|α"
 )
 
 NAMING = ("Measure", "Parameter", "Figure", "Recording")
@@ -166,7 +167,7 @@ def test_cards_say_which_command_gives_them(content: dict) -> None:
 
 def test_page_holds_every_section_caption_and_cell(out: Path, content: dict) -> None:
     text = unescape(re.sub(r"</?(?:code|sub|strong)>", "", (out / "report.html").read_text(encoding="utf-8")))
-    assert len(content["sections"]) == 13
+    assert len(content["sections"]) == 14
     shown = [section["title"] for section in content["sections"]]
     shown += [block["caption"] for kind in ("figure", "table") for block in blocks_of(content, kind)]
     shown += [cell for table in blocks_of(content, "table") for row in table["rows"] for cell in row]
@@ -206,6 +207,21 @@ def test_the_bench_keeps_what_was_missed_and_what_was_not_measured(content: dict
     assert "1 of 3 goals are met" in words["text"] and figure["file"] == "figures/bench.svg"
     assert [row[1] for row in table["rows"]] == ["3.00", "0.120", "–"]
     assert [row[2] for row in table["rows"]] == ["≥ 12", "≤ 0.25", "≤ 0.20"]
+
+
+def test_the_proof_shows_every_share_and_every_confusion(content: dict) -> None:
+    (section,) = [section for section in content["sections"] if section["name"] == "proof"]
+    words, shares, figure, confusion, practice = section["blocks"]
+    assert "5 recordings" in words["text"] and "1 of 2 shards" in words["text"]
+    counts = {row[0]: row[1:3] for row in shares["rows"]}
+    assert counts["right, or tied with at most two others"] == ["2 of 3 recordings", "66.7"]
+    assert counts["nothing missing, and yet an alarm"] == ["1 of 2 recordings", "50.0"]
+    assert counts["95 % intervals that hold the truth"] == ["1 of 1 intervals", "100.0"]
+    assert figure["file"] == "figures/proof.svg"
+    assert ["nothing", "end_angle", "1"] in confusion["rows"]
+    assert practice["rows"] == [
+        ["practice_clock", "clock_offset", "clock_offset", "3.02 × 10⁻⁴ (3.00 × 10⁻⁴)", "1 of 2 values", "31"]
+    ]
 
 
 @pytest.fixture
@@ -255,6 +271,8 @@ def test_empty_results_make_a_report_of_sentences(tmp_path: Path) -> None:
         ("data/layouts/layout_2", "no shapes to draw for Layout 2"),
         ("reports/execute", "Nothing was executed"),
         ("reports/bench.json", "Nothing was measured beside the peers"),
+        ("reports/proof", "blind proof was not run"),
+        ("reports/practice.json", "practice recordings were not diagnosed"),
         ("reports/cables.json", "cables were not run"),
         ("reports/elastic.json", "elastic laboratory was not run"),
         ("reports/solvers.json", "two solvers were not compared"),

@@ -20,6 +20,7 @@ from dlolib.report.sections import (
     identification,
     layouts,
     making,
+    proof,
     solvers,
 )
 
@@ -29,6 +30,7 @@ SECTIONS: tuple[Callable[[Results, Path], Section], ...] = (
     chain.section,
     identification.section,
     diagnosis.section,
+    proof.section,
     layouts.section,
     ablation.section,
     execution.section,

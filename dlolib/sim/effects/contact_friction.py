@@ -11,6 +11,7 @@ from dlolib.sim.scene import FRICTION
 NAME = "contact_friction"
 SAYS = "the rope rubs against an obstacle"
 PARAMETERS = (Parameter("coefficient", "", "friction over normal force", 0.0, 0.0, 3.0, 0.05, (0.3,)),)
+IDEAL = True
 
 
 def apply(setup: Setup, values: Mapping[str, float]) -> Setup:

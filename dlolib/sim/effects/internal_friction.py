@@ -25,6 +25,7 @@ PARAMETERS = (
         (0.5, 3.0),
     ),
 )
+IDEAL = True
 REMEMBERS = True
 SIZES = ("saturation_curvature",)
 SYMMETRIC = False

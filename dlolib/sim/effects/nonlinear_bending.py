@@ -15,6 +15,7 @@ PARAMETERS = (
         "cubic", "m^2", "growth of EI with the square of the curvature", 0.0, -1.0, 1.0, 1e-3, (0.003, -0.003)
     ),
 )
+IDEAL = True
 SYMMETRIC = False  # together with anisotropic_bending it has no potential
 
 

@@ -27,6 +27,7 @@ PARAMETERS = (
     ),
     Parameter("hardening_ratio", "", "stiffness past it over that before", 0.0, 0.0, 2.0, 0.05, (0.2,)),
 )
+IDEAL = True
 REMEMBERS = True
 SIZES = ("yield_curvature",)
 SYMMETRIC = True

@@ -24,6 +24,7 @@ PARAMETERS = (
         (1.0, 6.0, 30.0),
     ),
 )
+IDEAL = True
 SIZES = ("modulus_ratio",)
 SYMMETRIC = True
 

@@ -1,0 +1,156 @@
+"""How often the diagnosis is right about what it cannot know: the blind proof and the practice recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from matplotlib.ticker import MaxNLocator
+
+from dlolib.report.model import Block, Column, Figure, Missing, Paragraph, Section, Table
+from dlolib.report.results import Results
+from dlolib.report.style import FAINT, OBSERVED, PLASTIC, ROD, canvas, save
+from dlolib.report.text import ABSENT, fixed, scientific
+
+TITLE = "Is the diagnosis right?"
+SHARES = {
+    "right_or_tied": ("right, or tied with at most two others", "≥ 95 %"),
+    "tied": ("of these tied", "≤ 25 %"),
+    "confidently_wrong": ("confidently wrong (missed ones among them)", "≤ 2 %"),
+    "missed": ("of these missed: nothing was found", ABSENT),
+    "pairs_both_named": ("pairs: both named", "≥ 80 %"),
+    "false_alarms": ("nothing missing, and yet an alarm", "≤ 1 %"),
+    "place": ("named place within 15 mm", "≥ 90 %"),
+}
+OUTCOMES = {
+    "right": ROD,
+    "tied": "#9CC3DE",
+    "undecided": FAINT,
+    "missed": "#E5A95B",
+    "wrong": PLASTIC,
+    "failed": OBSERVED,
+}
+
+
+def section(results: Results, figures: Path) -> Section:
+    """Shares with Wilson's intervals, outcomes by effect, every confusion; the practice recordings."""
+    blocks: list[Block] = []
+    proof, practice = results.json("proof", "summary.json"), results.json("practice.json")
+    if not proof or not proof["recordings"]:
+        blocks.append(Missing("The blind proof was not run: `make proof` runs a shard of it."))
+    else:
+        blocks += [_words(proof), _shares(proof)]
+        if proof["by_effect"]:
+            blocks.append(_outcomes(proof, figures))
+        blocks.append(_confusion(proof))
+    if practice is None:
+        blocks.append(
+            Missing("The practice recordings were not diagnosed: `make practice DATA=DIR` does it.")
+        )
+    else:
+        blocks.append(_practice(practice))
+    return Section("proof", TITLE, tuple(blocks))
+
+
+def _words(proof: Mapping[str, Any]) -> Paragraph:
+    bias = proof["stiffness_bias"]
+    text = (
+        f"{proof['recordings']} recordings of a laboratory whose solver and laws are not ours, drawn from "
+        f"secret seeds in {proof['scored']} of {proof['started']} shards begun, each noted with the hash of "
+        f"its answers before its diagnosis. {proof['detectable']} of them hold an effect that a noise-free "
+        "fit could see (a gain of 40 in χ²)."
+    )
+    if bias["recordings"]:
+        text += (
+            f" In {bias['recordings']} that were named rightly EI is off by {fixed(100 * bias['with'], 1)} % "
+            f"in the median; the elastic rod's by {fixed(100 * bias['without'], 1)} %."
+        )
+    return Paragraph(text)
+
+
+def _shares(proof: Mapping[str, Any]) -> Table:
+    rows = [(label, *_share(proof[key], "recordings"), goal) for key, (label, goal) in SHARES.items()]
+    coverage = {
+        "95 % intervals that hold the truth": proof["coverage"],
+        "the same, of laws' own forms": proof["coverage_forms"],
+    }
+    rows += [(label, *_share(one["all"], "intervals"), "90 to 99 %") for label, one in coverage.items()]
+    columns = (
+        Column("What", align="left"), Column("Count"), Column("Share", "%"), Column("95 % interval", "%"),
+        Column("Goal"),
+    )  # fmt: skip
+    return Table("The blind proof (`make proof`), with Wilson's intervals.", columns, tuple(rows))
+
+
+def _share(found: Mapping[str, Any], what: str) -> tuple[str, str, str]:
+    count = f"{found['count']} of {found['of']} {what}"
+    if found["share"] is None:
+        return count, ABSENT, ABSENT
+    low, high = (fixed(100 * found[key], 1) for key in ("low", "high"))
+    return count, fixed(100 * found["share"], 1), f"{low} to {high}"
+
+
+def _outcomes(proof: Mapping[str, Any], figures: Path) -> Figure:
+    """A bar an effect: how its recordings with it alone ended."""
+    names = sorted(proof["by_effect"], reverse=True)
+    figure = canvas(16 + 5 * len(names))
+    axes = figure.subplots()
+    for at, name in enumerate(names):
+        left = 0
+        for outcome, color in OUTCOMES.items():
+            count = proof["by_effect"][name].get(outcome, 0)
+            axes.barh(
+                at,
+                count,
+                left=left,
+                color=color,
+                height=0.65,
+                edgecolor="white",
+                label=outcome if at == 0 else None,
+            )
+            left += count
+    axes.set_yticks(range(len(names)), [name.replace("_", " ") for name in names])
+    axes.set_xlabel("recordings")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.grid(visible=False, axis="y")
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside upper left", ncols=len(OUTCOMES))
+    caption = "Recordings with one detectable effect, by what was said. See which are mistaken or missed."
+    return Figure(save(figure, figures, "proof"), caption, "Outcomes of the blind proof by effect")
+
+
+def _confusion(proof: Mapping[str, Any]) -> Table:
+    rows = tuple((one["true"], one["said"], str(one["count"])) for one in proof["confusion"])
+    columns = (
+        Column("In the recording", align="wide"),
+        Column("Said", align="wide"),
+        Column("Count", "recordings"),
+    )
+    return Table("What was in the recordings, and what was said.", columns, rows)
+
+
+def _practice(practice: Mapping[str, Any]) -> Table:
+    rows = []
+    for name, row in practice["recordings"].items():
+        held = row["parameters"]
+        inside = sum(one["inside"] for one in held.values())
+        ei = held["bending_stiffness"]
+        rows.append(
+            (
+                name,
+                " + ".join(row["true"]) or "nothing",
+                " + ".join(row["named"]) or row["status"],
+                f"{scientific(ei['value'], 3)} ({scientific(ei['true'], 3)})",
+                f"{inside} of {len(held)} values",
+                fixed(row["seconds"], 0),
+            )
+        )
+    columns = (
+        Column("Recording", align="left"), Column("In it", align="wide"), Column("Said", align="wide"),
+        Column("EI (true)", "N m²"), Column("Inside"), Column("Time", "s"),
+    )  # fmt: skip
+    caption = (
+        "Practice recordings of a third solver (`make practice DATA=DIR`). Inside: planted parameters and EI "
+        "in their 95 % intervals or within a tenth."
+    )
+    return Table(caption, columns, tuple(rows))
