@@ -17,6 +17,7 @@ from scipy import linalg, optimize, sparse
 from scipy.fft import dct
 from scipy.sparse.linalg import SuperLU, splu
 
+from dlolib.identify.problem import seen_axes
 from dlolib.types import Floats, Ints, Noise, Recording
 
 # A likelihood over more points than this takes seconds.
@@ -141,7 +142,7 @@ def known_noise(recording: Recording) -> tuple[Noise, str] | None:
     still = _still(recording)
     if still is None:
         return None
-    values = recording.points.xyz_m[:, [0, 2] if recording.planar == "xz" else [0, 1, 2]]
+    values = recording.points.xyz_m[:, seen_axes(recording)]
     first, last = recording.points.frame[still][[0, -1]]
     noise = _likeliest(recording, values, still, still_shape=True)
     return _known_deviation(recording, noise), f"frames {first} to {last}, which stand still"

@@ -10,7 +10,7 @@ from scipy.optimize import approx_fprime
 from dlolib.identify.parameters import Unknown
 from dlolib.sim.poses import Model
 from dlolib.sim.rod import Rod
-from dlolib.types import Floats
+from dlolib.types import Floats, Recording
 
 Bools = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 
@@ -78,4 +78,9 @@ class Problem:
 
 def axes(model: Model) -> list[int]:
     """The observed axes: x and z where only the plane was seen."""
-    return [0, 2] if model.recording.planar == "xz" else [0, 1, 2]
+    return seen_axes(model.recording)
+
+
+def seen_axes(recording: Recording) -> list[int]:
+    """The same of a recording."""
+    return [0, 2] if recording.planar == "xz" else [0, 1, 2]

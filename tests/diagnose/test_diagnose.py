@@ -155,6 +155,13 @@ def test_too_little_is_refused() -> None:
         diagnose([replace(recording, points=few)], QUICK)
 
 
+def test_a_motion_that_is_not_the_ropes_is_refused() -> None:
+    recording = made({})
+    motion = replace(recording.motion, end_m=np.add(recording.motion.end_m, (0.05, 0.0, 0.0)))
+    with pytest.raises(ParameterError, match="end was seen 50 mm from where it was held"):
+        diagnose([replace(recording, motion=motion)], QUICK)
+
+
 def test_different_objects_are_refused() -> None:
     other = replace(made({}), rope=replace(ROPE, name="cable"), name="other")
     with pytest.raises(ParameterError, match="one object"):
