@@ -13,6 +13,8 @@ from typing import Any
 
 import pandas as pd
 
+CLOCK = "t_s"
+
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
@@ -48,6 +50,12 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
 
 
 def write_csv(path: Path, table: pd.DataFrame, digits: int = 9) -> None:
-    """Write a table with a header, `.` decimal, no index column, `digits` significant digits."""
+    """Write a table with a header, `.` decimal, no index column, `digits` significant digits.
+
+    Times `t_s` are written in full where so many digits would not tell microseconds apart: a camera's clock
+    may count from 1970.
+    """
+    if CLOCK in table and table[CLOCK].abs().max() >= 10.0 ** (digits - 6):
+        table = table.assign(**{CLOCK: [repr(float(time)) for time in table[CLOCK]]})
     with whole_file(path) as temporary:
         table.to_csv(temporary, index=False, float_format=f"%.{digits}g", lineterminator="\n")

@@ -24,6 +24,18 @@ def test_round_trip(tmp_path: Path) -> None:
     assert before == {path.name: path.read_bytes() for path in index.folder.glob("*.*")}
 
 
+def test_a_clock_that_counts_from_1970_is_kept(tmp_path: Path) -> None:
+    index = read_capture_index(samples.capture_folder(tmp_path / "c"))
+    assert index.motion is not None
+    times = 1_700_000_000.123456 + np.array([0.0, 1 / 30])
+    motion = dataclasses.replace(index.motion, t_s=1_700_000_000.1 + np.arange(5) / 500)
+    write_capture_index(dataclasses.replace(index, t_s=times, motion=motion), index.folder)
+    again = read_capture_index(index.folder)
+    assert again.motion is not None
+    np.testing.assert_array_equal(again.t_s, times)
+    np.testing.assert_array_equal(again.motion.t_s, motion.t_s)
+
+
 def test_optional_keys_survive(tmp_path: Path) -> None:
     plain = read_capture_index(samples.capture_folder(tmp_path / "c"))
     assert plain.color is not None
