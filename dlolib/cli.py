@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 from typer.exceptions import TyperException
 
-from dlolib.cli_values import RopeValues, parse_effects, parse_values, rope_values
+from dlolib.cli_values import RopeValues, parse_effects, parse_topics, parse_values, rope_values
 from dlolib.errors import DloError, ParameterError
 
 if TYPE_CHECKING:
@@ -78,21 +78,30 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
 @app.command()
 def ingest(
-    source: Annotated[Path, typer.Argument(help="A capture folder, with images or with clouds.")],
+    source: Annotated[
+        Path, typer.Argument(help="A capture folder; a bag, .mcap, .mkv; a folder of images or clouds.")
+    ],
     out: Out,
     motion: Annotated[
         Path | None, typer.Option("--motion", metavar="CSV", help="motion.csv, where it lies elsewhere.")
     ] = None,
     topic: Annotated[
-        list[str] | None, typer.Option("--topic", metavar="ROLE=NAME", help="Of a bag: which topic is what.")
+        list[str] | None,
+        typer.Option(
+            "--topic",
+            metavar="ROLE=NAME",
+            help="Of a bag: which topic is color, depth, camera_info, camera_pose, motion.",
+        ),
+    ] = None,
+    about: Annotated[
+        Path | None,
+        typer.Option("--object", metavar="FILE", help="What no camera knows, as in capture.json."),
     ] = None,
 ) -> None:
-    """Check every frame of a recorded capture and copy it: dlo-capture/1."""
+    """Check every frame of a recording and write it as a capture: dlo-capture/1."""
     from dlolib.captures import ingest as ingest_capture
 
-    if topic:
-        raise ParameterError("a capture folder has no topics", place="--topic", mend="leave it out")
-    index = ingest_capture(source, out, motion)
+    index = ingest_capture(source, out, motion, parse_topics(topic or []), about)
     _say(f"{out}: {len(index.frame)} frames of {index.rope.name}, {index.t_s[-1] - index.t_s[0]:.3g} s")
 
 

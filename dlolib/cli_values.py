@@ -1,4 +1,4 @@
-"""What `--set` and `--fit` say about a rope, brought together."""
+"""What `--set`, `--effect`, `--topic` and `--fit` say, brought together."""
 
 from __future__ import annotations
 
@@ -68,6 +68,23 @@ def parse_effects(given: Sequence[str]) -> dict[str, float]:
                 raise ParameterError(problem, place=f"--effect {one}", mend=mend) from None
         values |= named(name.strip(), parts)
     return values
+
+
+def parse_topics(given: Sequence[str]) -> dict[str, str]:
+    """`ROLE=NAME` by role.
+
+    Raises:
+        ParameterError: no name, or two for one role.
+    """
+    topics: dict[str, str] = {}
+    for pair in given:
+        role, _, name = pair.partition("=")
+        if not role or not name:
+            raise ParameterError("no role or no name", place=f"--topic {pair}", mend="write ROLE=NAME")
+        if role in topics:
+            raise ParameterError(f"{role} is named twice", place=f"--topic {pair}", mend="name it once")
+        topics[role] = name
+    return topics
 
 
 def rope_values(rope: Rope, name: str, fit: Fit | None, values: Mapping[str, float]) -> RopeValues:

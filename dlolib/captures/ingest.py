@@ -1,19 +1,31 @@
-"""From a source to a checked capture: every frame is read once, then the bytes are copied as they are."""
+"""From any source to a checked capture: this project's own folder byte for byte, all others converted."""
 
 from __future__ import annotations
 
 import shutil
+from collections.abc import Mapping
 from pathlib import Path
 
 from dlolib.captures.base import Source
 from dlolib.captures.cloud_folder import CloudFolder
+from dlolib.captures.clouds import Clouds
+from dlolib.captures.convert import convert
+from dlolib.captures.foreign import Asked, Foreign
 from dlolib.captures.image_folder import ImageFolder
+from dlolib.captures.kinect import AzureKinect
 from dlolib.captures.pictures import read_color, read_depth
-from dlolib.errors import FormatError
+from dlolib.captures.realsense import RealSense
+from dlolib.captures.redwood import RedwoodFolder
+from dlolib.captures.ros import RosBag
+from dlolib.captures.tum import TumFolder
+from dlolib.errors import FormatError, ParameterError
 from dlolib.files import whole_folder
-from dlolib.formats import read_capture_index
+from dlolib.formats import read_capture_index, read_given
 from dlolib.progress import track
 from dlolib.types import CaptureIndex
+
+# The first that matches is taken; RealSense's bags are ROS 1 bags, too.
+FORMATS: tuple[type[Foreign], ...] = (TumFolder, RedwoodFolder, RealSense, RosBag, AzureKinect, Clouds)
 
 
 def open_capture(folder: Path) -> Source:
@@ -25,23 +37,85 @@ def open_capture(folder: Path) -> Source:
     return _source(read_capture_index(Path(folder)))
 
 
-def ingest(source: Path, out: Path, motion_csv: Path | None = None) -> CaptureIndex:
-    """Check every frame of the capture in `source` and write it to `out`, byte for byte.
+def ingest(
+    source: Path,
+    out: Path,
+    motion_csv: Path | None = None,
+    topics: Mapping[str, str] | None = None,
+    object_json: Path | None = None,
+) -> CaptureIndex:
+    """Check every frame of a recording and write it to `out` as a capture (format "dlo-capture/1").
 
     Args:
-        source: a capture folder, with images or with clouds.
+        source: a capture folder, which is copied byte for byte, or a recording in one of `FORMATS`.
         out: the capture folder to write, whole or not at all.
         motion_csv: the motion of the ends, where it lies elsewhere; it replaces the source's own.
+        topics: of a bag, the topic of each role.
+        object_json: what no camera knows, as a capture.json whose camera may be left out; by default the
+            capture.json in the source's folder, or the JSON beside the source's file.
 
     Returns:
         The index of the capture that was written.
 
     Raises:
         FormatError: names the first file that cannot be used, the place in it, and the mend.
+        ParameterError: a topic's role that the format does not know.
     """
     source, out = Path(source), Path(out)
     if out.resolve() == source.resolve() or source.resolve().is_relative_to(out.resolve()):
         raise FormatError("is the source itself", file=out, mend="write to another folder")
+    if (found := _format(source)) is None:
+        return _copied(source, out, motion_csv, topics, object_json)
+    _check_roles(found, topics or {})
+    given = read_given(_object(source, object_json))
+    foreign = found.open(source, Asked(given, topics or {}))
+    return convert(foreign, source, given, out, motion_csv)
+
+
+def _format(source: Path) -> type[Foreign] | None:
+    """The format of a recording made elsewhere; None for a capture folder, also where it is damaged.
+
+    Raises:
+        FormatError: a file in no known format.
+    """
+    if source.is_dir() and (source / "frames.csv").is_file():
+        return None
+    found = next((kind for kind in FORMATS if kind.matches(source)), None)
+    if found is None and source.is_file():
+        known = "; ".join(kind.kind for kind in FORMATS)
+        raise FormatError(
+            "is in no known format", file=source, mend=f"give a capture folder, or one of: {known}"
+        )
+    return found
+
+
+def _check_roles(found: type[Foreign], topics: Mapping[str, str]) -> None:
+    for role in topics:
+        if role not in found.roles:
+            known = f"choose from {', '.join(found.roles)}" if found.roles else "leave it out"
+            problem = f"a {found.kind} has no topic of {role!r}"
+            raise ParameterError(problem, place=f"--topic {role}", mend=known)
+
+
+def _object(source: Path, given: Path | None) -> Path:
+    beside = source / "capture.json" if source.is_dir() else source.with_suffix(".json")
+    if given is None and not beside.is_file():
+        mend = f"give --object FILE with object, gravity_m_s2 and ends, or put it into {beside.name}"
+        raise FormatError("does not say which object was recorded", file=source, place="object", mend=mend)
+    return Path(given or beside)
+
+
+def _copied(
+    source: Path,
+    out: Path,
+    motion_csv: Path | None,
+    topics: Mapping[str, str] | None,
+    object_json: Path | None,
+) -> CaptureIndex:
+    for option, value in (("--topic", topics), ("--object", object_json)):
+        if value:
+            problem = "a capture folder has no topics and says itself what was recorded"
+            raise ParameterError(problem, place=option, mend="leave it out")
     index = read_capture_index(source, motion_csv)
     _check_backgrounds(index)
     for _ in track(_source(index).frames(), "checking frames", len(index.frame)):

@@ -1,10 +1,11 @@
-"""PNG files of a capture, read strictly: a damaged file is refused, never half decoded."""
+"""Images of a capture, read strictly: a damaged file is refused, never half decoded."""
 
 from __future__ import annotations
 
 import struct
 import zlib
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -15,73 +16,130 @@ from dlolib.errors import FormatError
 from dlolib.types import Camera
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
+JPEG_BEGINS, JPEG_ENDS = b"\xff\xd8", b"\xff\xd9"
 NEAREST_M, FURTHEST_M = 0.05, 30.0
 
 
 def read_color(path: Path, camera: Camera) -> Image:
     """An 8-bit RGB image, shape (H, W, 3)."""
-    image = _read(path, camera)
-    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
-        raise FormatError(
-            f"is {_kind(image)}, not 8-bit RGB",
-            file=path,
-            mend="save it as 8-bit RGB; is depth named as color?",
-        )
+    image = decode_png(path.read_bytes(), path)
+    check_color(image, camera, path)
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
 
 
 def read_depth(path: Path, camera: Camera) -> Depth:
     """A 16-bit depth image as metres, shape (H, W); 0 where there is no reading."""
-    image = _read(path, camera)
-    if image.dtype != np.uint16 or image.ndim != 2:
-        raise FormatError(
-            f"is {_kind(image)}, not 16-bit grey",
-            file=path,
-            mend="save depth as 16-bit; is color named as depth?",
-        )
-    if not image.any():
-        raise FormatError("depth is zero everywhere", file=path, mend="remove the frame from frames.csv")
-    assert camera.depth_scale is not None
-    depth = image.astype(np.float32) / np.float32(camera.depth_scale)
-    typical = float(np.median(depth[image > 0]))
-    if not NEAREST_M < typical < FURTHEST_M:
-        raise FormatError(
-            f"the median depth is {typical:.4g} m with depth_scale {camera.depth_scale:g}",
-            file=path,
-            mend="correct camera.depth_scale in capture.json (units per metre; 1000 for millimetres)",
-        )
-    return depth
+    image = decode_png(path.read_bytes(), path)
+    check_depth(image, camera, path)
+    return image.astype(np.float32) / np.float32(camera.depth_scale or 1.0)
 
 
 def read_mask(path: Path, camera: Camera) -> Mask:
     """An 8-bit mask, shape (H, W), True where it is bright."""
-    image = _read(path, camera)
+    image = decode_png(path.read_bytes(), path)
+    _check_size(image, camera, path, None)
     if image.dtype != np.uint8 or image.ndim != 2:
         raise FormatError(f"is {_kind(image)}, not 8-bit grey", file=path, mend="save the mask as 8-bit grey")
     return np.asarray(image > 127, dtype=np.bool_)
 
 
-def _read(path: Path, camera: Camera) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    data = path.read_bytes()
-    _check_whole(data, path)
+def check_color(image: NDArray[Any], camera: Camera, path: Path, place: str | None = None) -> None:
+    """Refuse what is no colour image (H, W, 3) of 8 bits and the camera's size."""
+    _check_size(image, camera, path, place)
+    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
+        raise FormatError(
+            f"is {_kind(image)}, not 8-bit RGB",
+            file=path,
+            place=place,
+            mend="save it as 8-bit RGB; is depth named as color?",
+        )
+
+
+def check_depth(image: NDArray[Any], camera: Camera, path: Path, place: str | None = None) -> None:
+    """Refuse what is no depth image (H, W) of 16 bits, the camera's size and a rope's distance."""
+    _check_size(image, camera, path, place)
+    if image.dtype != np.uint16 or image.ndim != 2:
+        raise FormatError(
+            f"is {_kind(image)}, not 16-bit grey",
+            file=path,
+            place=place,
+            mend="save depth as 16-bit; is color named as depth?",
+        )
+    if not image.any():
+        mend = "remove the frame from frames.csv" if place is None else "record it again"
+        raise FormatError("depth is zero everywhere", file=path, place=place, mend=mend)
+    assert camera.depth_scale is not None
+    typical = float(np.median(image[image > 0])) / camera.depth_scale
+    if not NEAREST_M < typical < FURTHEST_M:
+        raise FormatError(
+            f"the median depth is {typical:.4g} m with depth_scale {camera.depth_scale:g}",
+            file=path,
+            place=place,
+            mend="correct camera.depth_scale in capture.json (units per metre; 1000 for millimetres)",
+        )
+
+
+def decode_png(data: bytes, path: Path, place: str | None = None) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    """The image (H, W) or (H, W, channels) as OpenCV orders them (blue first), of 8 or 16 bits.
+
+    Raises:
+        FormatError: no PNG, truncated, or damaged.
+    """
+    _check_whole(data, path, place)
     image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None:
-        raise FormatError("cannot be decoded", file=path, mend="record or copy it again")
+        raise FormatError("cannot be decoded", file=path, place=place, mend="record or copy it again")
+    if image.dtype not in (np.uint8, np.uint16):
+        raise FormatError(f"is {image.dtype}", file=path, place=place, mend="save it with 8 or 16 bits")
+    return image  # type: ignore[return-value]
+
+
+def decode_color(data: bytes, path: Path, place: str | None = None) -> Image:
+    """An 8-bit RGB image (H, W, 3) from a PNG or a JPEG.
+
+    Raises:
+        FormatError: neither, truncated, damaged, or without colour.
+    """
+    if data.startswith(JPEG_BEGINS):
+        # some cameras fill a JPEG up with zeros
+        image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_COLOR)
+        if image is None or not data.rstrip(b"\0").endswith(JPEG_ENDS):
+            raise FormatError("is a truncated JPEG", file=path, place=place, mend="record or copy it again")
+    else:
+        image = decode_png(data, path, place)
+    if image.ndim != 3 or image.dtype != np.uint8:
+        mend = "name a colour image; is depth named as color?"
+        raise FormatError(f"is {_kind(image)}, not 8-bit RGB", file=path, place=place, mend=mend)
+    return np.asarray(cv2.cvtColor(image[..., :3], cv2.COLOR_BGR2RGB), dtype=np.uint8)
+
+
+def decode_depth(data: bytes, path: Path, place: str | None = None) -> NDArray[np.uint16]:
+    """A 16-bit depth image (H, W) from a PNG.
+
+    Raises:
+        FormatError: no PNG, truncated, damaged, or no depth.
+    """
+    image = decode_png(data, path, place)
+    if image.ndim != 2 or image.dtype != np.uint16:
+        mend = "save depth as 16-bit; is color named as depth?"
+        raise FormatError(f"is {_kind(image)}, not 16-bit grey", file=path, place=place, mend=mend)
+    return image  # type: ignore[return-value]
+
+
+def _check_size(image: NDArray[Any], camera: Camera, path: Path, place: str | None) -> None:
     if image.shape[:2] != (camera.height, camera.width):
         raise FormatError(
             f"is {image.shape[1]} x {image.shape[0]} pixels, the camera {camera.width} x {camera.height}",
             file=path,
+            place=place,
             mend="correct camera.width and height in capture.json, or the image",
         )
-    if image.dtype not in (np.uint8, np.uint16):
-        raise FormatError(f"is {image.dtype}", file=path, mend="save it with 8 or 16 bits")
-    return image  # type: ignore[return-value]
 
 
-def _check_whole(data: bytes, path: Path) -> None:
+def _check_whole(data: bytes, path: Path, frame: str | None) -> None:
     """Walk the chunks of a PNG: OpenCV decodes a truncated one silently to a half-black picture."""
     if not data.startswith(SIGNATURE):
-        raise FormatError("is no PNG", file=path, mend="save it as PNG")
+        raise FormatError("is no PNG", file=path, place=frame, mend="save it as PNG")
     at = len(SIGNATURE)
     while at + 12 <= len(data):
         (length,) = struct.unpack_from(">I", data, at)
@@ -90,15 +148,15 @@ def _check_whole(data: bytes, path: Path) -> None:
             break
         (checksum,) = struct.unpack_from(">I", data, at + 8 + length)
         if zlib.crc32(data[at + 4 : at + 8 + length]) != checksum:
-            raise FormatError(
-                "is damaged: a checksum is wrong", file=path, place=f"byte {at}", mend="copy it again"
-            )
+            place = f"{frame}, byte {at}" if frame else f"byte {at}"
+            raise FormatError("is damaged: a checksum is wrong", file=path, place=place, mend="copy it again")
         if kind == b"IEND":
             return
         at += 12 + length
-    raise FormatError("is truncated", file=path, place=f"byte {len(data)}", mend="record or copy it again")
+    place = f"{frame}, byte {len(data)}" if frame else f"byte {len(data)}"
+    raise FormatError("is truncated", file=path, place=place, mend="record or copy it again")
 
 
-def _kind(image: NDArray[np.uint8] | NDArray[np.uint16]) -> str:
+def _kind(image: NDArray[Any]) -> str:
     channels = 1 if image.ndim == 2 else image.shape[2]
     return f"{8 * image.dtype.itemsize}-bit with {channels} channel{'s' if channels > 1 else ''}"

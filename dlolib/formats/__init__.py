@@ -3,16 +3,20 @@
 from dlolib.formats.capture import read_capture_index, write_capture_index, write_capture_json
 from dlolib.formats.fit import read_fit, write_fit
 from dlolib.formats.geometry import nearest_distance, signed_distance
+from dlolib.formats.given import Given, read_given, read_given_motion
 from dlolib.formats.layout import read_layout, write_layout
 from dlolib.formats.motion import interpolate_motion, read_motion, write_motion
 from dlolib.formats.recording import read_recording, write_recording
 from dlolib.formats.verdict import read_verdict, write_verdict
 
 __all__ = [
+    "Given",
     "interpolate_motion",
     "nearest_distance",
     "read_capture_index",
     "read_fit",
+    "read_given",
+    "read_given_motion",
     "read_layout",
     "read_motion",
     "read_recording",

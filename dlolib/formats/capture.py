@@ -38,17 +38,22 @@ class CameraModel(Strict):
     world_from_camera: list[list[float]]
 
 
-class CaptureModel(Scene):
-    """capture.json."""
+class CaptureScene(Scene):
+    """capture.json without the camera."""
 
-    camera: CameraModel
     rope_color_hsv: Annotated[tuple[Hsv, Hsv], Field(strict=False)] | None = None
-    background_color: str | None = None
-    background_depth: str | None = None
     static_frames: FrameRange | None = None
     heldout_frames: FrameRange | None = None
     quasi_static: bool = True
     rate_hz: float | None = Field(default=None, gt=0)
+
+
+class CaptureModel(CaptureScene):
+    """capture.json."""
+
+    camera: CameraModel
+    background_color: str | None = None
+    background_depth: str | None = None
 
 
 def read_capture_index(folder: Path, motion_csv: Path | None = None) -> CaptureIndex:

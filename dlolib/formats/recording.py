@@ -123,9 +123,8 @@ def points_table(points: Points) -> pd.DataFrame:
     return pd.DataFrame(columns)
 
 
-def parse_view(rows: list[list[float]], path: Path) -> Floats:
-    """A camera's world_from_camera as a rigid transform (4, 4), checked."""
-    place = "camera.world_from_camera"
+def parse_view(rows: list[list[float]], path: Path, place: str = "camera.world_from_camera") -> Floats:
+    """A rigid transform (4, 4), by default a camera's world_from_camera, checked."""
     try:
         view = np.array(rows, dtype=np.float64)
     except ValueError:
@@ -141,7 +140,7 @@ def parse_view(rows: list[list[float]], path: Path) -> Floats:
         )
     if np.abs(view[:3, 3]).max() > 50:
         raise FormatError(
-            f"the camera is {np.linalg.norm(view[:3, 3]):.4g} m away",
+            f"is {np.linalg.norm(view[:3, 3]):.4g} m away",
             file=path,
             place=place,
             mend="looks like millimetres; divide by 1000",

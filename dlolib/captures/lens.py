@@ -1,0 +1,47 @@
+"""A lens' distortion, taken out: a capture's camera is a pinhole."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+
+from dlolib.captures.base import Image
+from dlolib.captures.foreign import Units
+from dlolib.types import Floats
+
+
+@dataclass(frozen=True)
+class Lens:
+    """A camera's matrix (3, 3) [px] and OpenCV's distortion coefficients (4, 5 or 8)."""
+
+    matrix: Floats
+    distortion: Floats
+
+    @property
+    def optics(self) -> dict[str, float]:
+        """fx, fy, cx, cy [px] of the pinhole."""
+        matrix = self.matrix
+        named = {"fx": matrix[0, 0], "fy": matrix[1, 1], "cx": matrix[0, 2], "cy": matrix[1, 2]}
+        return {name: float(value) for name, value in named.items()}
+
+    def color(self, image: Image) -> Image:
+        """The image (H, W, 3) as the pinhole sees it, mixed between neighbours; untouched where straight."""
+        if not self.distortion.any():
+            return image
+        return np.asarray(cv2.remap(image, *self._maps(image.shape), cv2.INTER_LINEAR), dtype=np.uint8)
+
+    def depth(self, image: Units) -> Units:
+        """The depth (H, W) likewise, from the nearest pixel: a mean of near and far is a point in the air."""
+        if not self.distortion.any():
+            return image
+        return np.asarray(cv2.remap(image, *self._maps(image.shape), cv2.INTER_NEAREST), dtype=np.uint16)
+
+    def _maps(self, shape: tuple[int, ...]) -> tuple[Any, Any]:
+        size = (shape[1], shape[0])
+        maps = cv2.initUndistortRectifyMap(
+            self.matrix, self.distortion, None, self.matrix, size, cv2.CV_32FC1
+        )
+        return maps[0], maps[1]

@@ -1,0 +1,140 @@
+"""A folder of Open3D or of the Redwood data set: color/, depth/ and the camera's intrinsic JSON."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from dlolib.captures.foreign import Asked, Shot
+from dlolib.captures.pictures import decode_color, decode_depth
+from dlolib.errors import FormatError
+
+DEPTH_SCALE = 1000.0
+COLOR = ("color", "rgb", "image")
+INTRINSICS = ("intrinsic.json", "camera_intrinsic.json", "intrinsics.json", "camera_intrinsics.json")
+# Redwood's names: the image's number, and its time in microseconds.
+NAME = re.compile(r"(?P<number>\d+)(-(?P<time_us>\d+))?")
+
+
+@dataclass(frozen=True)
+class RedwoodFolder:
+    """Images paired by number; times from their names, or from the number and the rate."""
+
+    kind: ClassVar[str] = "Open3D or Redwood folder (color/, depth/, intrinsic.json)"
+    roles: ClassVar[tuple[str, ...]] = ()
+    hint: ClassVar[str] = ""
+    motion: ClassVar[None] = None
+    world_from_camera: ClassVar[None] = None
+
+    color: tuple[Path, ...]
+    depth: tuple[Path, ...]
+    t_s: tuple[float, ...]
+    optics: Mapping[str, float]
+
+    @classmethod
+    def matches(cls, path: Path) -> bool:
+        """Whether depth/ lies beside color/; with capture.json alone it is a capture without frames.csv."""
+        folders = (path / "depth").is_dir() and any((path / name).is_dir() for name in COLOR)
+        calibrated = any((path / name).is_file() for name in INTRINSICS)
+        return folders and (calibrated or not (path / "capture.json").is_file())
+
+    @classmethod
+    def open(cls, path: Path, asked: Asked) -> Self:
+        """Pair the images and read the calibration."""
+        folder = next(path / name for name in COLOR if (path / name).is_dir())
+        color, depth = _images(folder), _images(path / "depth")
+        for one, other, where in ((color, depth, path / "depth"), (depth, color, folder)):
+            lonely = sorted(set(one) - set(other))
+            if lonely:
+                problem = f"no image with the number of {one[lonely[0]].name}"
+                raise FormatError(problem, file=where, mend="add it, or remove the other")
+        content, optics = _intrinsics(path)
+        numbers = sorted(depth)
+        times = _times(depth, asked.given.rate_hz or content.get("fps"), asked.given.file)
+        return cls(tuple(color[n] for n in numbers), tuple(depth[n] for n in numbers), times, optics)
+
+    @property
+    def count(self) -> int:
+        """How many pairs there are."""
+        return len(self.t_s)
+
+    def shots(self) -> Iterator[Shot]:
+        """One pair after the other."""
+        for color, depth, t_s in zip(self.color, self.depth, self.t_s, strict=True):
+            picture = decode_color(color.read_bytes(), color)
+            yield Shot(t_s, depth, color=picture, depth=decode_depth(depth.read_bytes(), depth))
+
+
+def numbered(folder: Path, ends: tuple[str, ...]) -> dict[int, Path]:
+    """The files of a folder by the number that their names begin with.
+
+    Raises:
+        FormatError: there is none, or two have one number.
+    """
+    found: dict[int, Path] = {}
+    for path in sorted(folder.iterdir()):
+        name = NAME.fullmatch(path.stem)
+        if path.suffix.lower() not in ends or name is None:
+            continue
+        number = int(name["number"])
+        if number in found:
+            problem = f"{found[number].name} and {path.name} have one number"
+            raise FormatError(problem, file=folder, mend="remove one of them")
+        found[number] = path
+    if not found:
+        problem = f"holds no numbered {' or '.join(ends)}"
+        raise FormatError(problem, file=folder, mend="name the files 000000, 000001, ...")
+    return found
+
+
+def at_rate(number: int, rate_hz: float | None, asked_in: Path, what: Path) -> float:
+    """The time [s] of the image of this number.
+
+    Raises:
+        FormatError: the rate is not known.
+    """
+    if rate_hz is None:
+        problem = f"when {what.name} was taken is not recorded"
+        raise FormatError(problem, file=asked_in, place="rate_hz", mend="add the frames per second")
+    return number / rate_hz
+
+
+def _images(folder: Path) -> dict[int, Path]:
+    return numbered(folder, (".png", ".jpg", ".jpeg"))
+
+
+def _times(depth: dict[int, Path], rate_hz: float | None, asked_in: Path) -> tuple[float, ...]:
+    times = []
+    for number in sorted(depth):
+        name = NAME.fullmatch(depth[number].stem)
+        stamp = name and name["time_us"]
+        times.append(int(stamp) / 10**6 if stamp else at_rate(number, rate_hz, asked_in, depth[number]))
+    return tuple(times)
+
+
+def _intrinsics(folder: Path) -> tuple[dict[str, Any], dict[str, float]]:
+    """The calibration's JSON, empty where there is none, and the camera in it."""
+    path = next((folder / name for name in INTRINSICS if (folder / name).is_file()), None)
+    if path is None:
+        return {}, {"depth_scale": DEPTH_SCALE}
+    try:
+        content = json.loads(path.read_text(encoding="utf-8-sig"))
+        matrix = np.array(content["intrinsic_matrix"], dtype=np.float64).reshape(3, 3, order="F")
+        optics = {"width": float(content["width"]), "height": float(content["height"])}
+        optics |= {"fx": matrix[0, 0], "fy": matrix[1, 1], "cx": matrix[0, 2], "cy": matrix[1, 2]}
+        optics["depth_scale"] = float(content.get("depth_scale", DEPTH_SCALE))
+        rate = content.get("fps")
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        mend = "give width, height and intrinsic_matrix (9 numbers, column by column)"
+        raise FormatError("is no camera of Open3D", file=path, mend=mend) from error
+    numbers = [*optics.values(), *([] if rate is None else [rate])]
+    plausible = all(isinstance(n, int | float) and np.isfinite(n) for n in numbers)
+    if not plausible or min(optics["fx"], optics["fy"], optics["depth_scale"], rate or 1) <= 0:
+        raise FormatError("a number in it is none, or not positive", file=path, mend="correct it")
+    return content, {name: float(value) for name, value in optics.items()}

@@ -1,0 +1,180 @@
+"""ROS 1 bags, ROS 2 bags (sqlite3) and MCAP: colour, depth, calibration and poses by topic."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from dlolib.captures import ros_images, ros_poses
+from dlolib.captures.bag import STORED, Bag, stamp_s
+from dlolib.captures.clock import Pairs, check_clock, paired, together
+from dlolib.captures.foreign import Asked, Shot
+from dlolib.captures.lens import Lens
+from dlolib.captures.poses import end_motion, one_pose
+from dlolib.captures.ros_images import Role, Spot
+from dlolib.errors import FormatError
+from dlolib.formats import Given
+from dlolib.types import Floats, Motion
+
+INFO = "sensor_msgs/msg/CameraInfo"
+TRANSPORTS = ("/compressedDepth", "/compressed")
+
+
+@dataclass(frozen=True)
+class RosBag:
+    """Depth and colour of one viewpoint and size, paired by their stamps."""
+
+    kind: ClassVar[str] = "ROS 1 bag, ROS 2 bag or MCAP"
+    roles: ClassVar[tuple[str, ...]] = ("color", "depth", "camera_info", "camera_pose", "motion")
+
+    path: Path
+    topics: Mapping[Role, str]
+    depth_s: Floats
+    pairs: Pairs
+    optics: Mapping[str, float]
+    lens: Lens | None
+    world_from_camera: Floats | None
+    motion: Motion | None
+    hint: str
+
+    @classmethod
+    def matches(cls, path: Path) -> bool:
+        """By the name of the file, or the metadata of a ROS 2 folder."""
+        return path.suffix in STORED if path.is_file() else (path / "metadata.yaml").is_file()
+
+    @classmethod
+    def open(cls, path: Path, asked: Asked) -> Self:
+        """Find out which topic is what, pair the images, read calibration and poses."""
+        with Bag(path) as bag:
+            topics = _images(bag, asked.topics)
+            lens, optics = _calibration(bag, topics, asked)
+            stamps = _stamps(bag, topics)
+            pairs = paired(stamps["depth"], stamps["color"], path)
+            view, motion = _camera_pose(bag, asked), _motion(bag, asked)
+            hint = ", ".join(ros_poses.choices(bag))
+        return cls(path, topics, stamps["depth"], pairs, optics, lens, view, motion, hint)
+
+    @property
+    def count(self) -> int:
+        """How many pairs there are."""
+        return len(self.pairs)
+
+    def shots(self) -> Iterator[Shot]:
+        """Each pair at the stamp of its depth image."""
+        roles = {topic: role for role, topic in self.topics.items()}
+        with Bag(self.path) as bag:
+            items = (
+                (roles[topic], number, (message, Spot(self.path, f"{topic}, message {number}")))
+                for topic, number, _, message in bag.messages(list(roles))
+            )
+            for number, depth, color in together(items, self.pairs):
+                yield self._shot(float(self.depth_s[number]), depth, color)
+
+    def _shot(self, t_s: float, depth: tuple[Any, Spot], color: tuple[Any, Spot]) -> Shot:
+        units, picture = ros_images.depth(*depth), ros_images.color(*color)
+        if units.shape != picture.shape[:2]:
+            problem = f"depth is {_size(units)}, color {_size(picture)}: they have different viewpoints"
+            raise depth[1].refusal(problem, "name the topic of depth that is registered to color")
+        shot = Shot(t_s, self.path, depth[1].place, picture, units)
+        lens = self.lens
+        return shot if lens is None else replace(shot, color=lens.color(picture), depth=lens.depth(units))
+
+
+def _size(image: Any) -> str:
+    return f"{image.shape[1]} x {image.shape[0]}"
+
+
+def _images(bag: Bag, named: Mapping[str, str]) -> dict[Role, str]:
+    """The topics of depth and colour: as named, else the only one that can be it."""
+    types = bag.types
+    fit: dict[Role, list[str]] = {"color": [], "depth": []}
+    for topic, kind in sorted(types.items()):
+        if kind in (ros_images.IMAGE, ros_images.COMPRESSED):
+            for _, _, _, message in bag.messages([topic]):
+                possible = ros_images.role_of(message)
+                if possible is not None:
+                    fit[possible].append(topic)
+                break
+    chosen: dict[Role, str] = {}
+    for role, topics in fit.items():
+        if role in named:
+            if named[role] not in topics:
+                raise _unknown(bag, role, named[role], topics)
+            chosen[role] = named[role]
+        elif len(topics) == 1:
+            chosen[role] = topics[0]
+        else:
+            problem = f"{len(topics)} topics can be {role}" if topics else f"no topic has images of {role}"
+            mend = f"name one: --topic {role}=NAME, of {', '.join(topics)}" if topics else "record one"
+            raise FormatError(problem, file=bag.path, place=role, mend=mend)
+    return chosen
+
+
+def _unknown(bag: Bag, role: str, name: str, topics: list[str]) -> FormatError:
+    problem = f"no topic of {role}"
+    mend = f"choose from {', '.join(sorted(topics)) or 'none: the bag has no such topic'}"
+    return FormatError(problem, file=bag.path, place=f"--topic {role}={name}", mend=mend)
+
+
+def _calibration(bag: Bag, topics: Mapping[Role, str], asked: Asked) -> tuple[Lens | None, dict[str, float]]:
+    """The lens, and the optics that the bag says; without CameraInfo only the units of depth."""
+    optics = {"depth_scale": ros_images.depth_scale(bag.first(topics["depth"]))}
+    name = None if {"fx", "fy", "cx", "cy"} <= set(asked.given.optics) else _info(bag, topics, asked)
+    if name is None:
+        return None, optics
+    info = bag.first(name)
+    rectified = "image_rect" in topics["depth"]
+    lens = ros_images.lens(info, rectified, Spot(bag.path, name))
+    optics |= {"width": float(info.width), "height": float(info.height)}
+    return lens, optics | lens.optics
+
+
+def _info(bag: Bag, topics: Mapping[Role, str], asked: Asked) -> str | None:
+    """The topic of calibration: as named, else the one beside the images, else the only one."""
+    infos = [topic for topic, kind in sorted(bag.types.items()) if kind == INFO]
+    named = asked.topics.get("camera_info")
+    if named is not None and named not in infos:
+        raise _unknown(bag, "camera_info", named, infos)
+    name = named or _sibling(topics["depth"], infos) or _sibling(topics["color"], infos)
+    if name is None and len(infos) > 1:
+        mend = f"name one: --topic camera_info=NAME, of {', '.join(infos)}"
+        problem = f"{len(infos)} topics can be camera_info"
+        raise FormatError(problem, file=bag.path, place="camera_info", mend=mend)
+    return name or next(iter(infos), None)
+
+
+def _sibling(topic: str, infos: list[str]) -> str | None:
+    """The CameraInfo that by ROS' convention lies beside an image."""
+    for transport in TRANSPORTS:
+        topic = topic.removesuffix(transport)
+    name = f"{topic.rsplit('/', 1)[0]}/camera_info"
+    return name if name in infos else None
+
+
+def _stamps(bag: Bag, topics: Mapping[Role, str]) -> dict[str, Floats]:
+    times: dict[str, list[float]] = {topic: [] for topic in topics.values()}
+    for topic, _, logged_ns, message in bag.messages(list(topics.values())):
+        times[topic].append(stamp_s(message, logged_ns))
+    stamps: dict[str, Floats] = {role: np.array(times[topic]) for role, topic in topics.items()}
+    for role, topic in topics.items():
+        check_clock(stamps[role], bag.path, topic)
+    return stamps
+
+
+def _camera_pose(bag: Bag, asked: Asked) -> Floats | None:
+    name = asked.topics.get("camera_pose")
+    if name is None:
+        return None
+    return one_pose(ros_poses.poses(bag, name, "camera_pose")[1], bag.path, name)
+
+
+def _motion(bag: Bag, asked: Asked) -> Motion | None:
+    name = asked.topics.get("motion")
+    if name is None:
+        return None
+    given: Given = asked.given
+    return end_motion(*ros_poses.poses(bag, name, "motion"), given)

@@ -1,0 +1,166 @@
+"""Images in ROS messages: sensor_msgs/Image and CompressedImage, and the CameraInfo beside them."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+
+from dlolib.captures.base import Image
+from dlolib.captures.foreign import Units
+from dlolib.captures.lens import Lens
+from dlolib.captures.pictures import decode_color, decode_png
+from dlolib.errors import FormatError
+from dlolib.types import Floats
+
+IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
+COLORS = {
+    "rgb8": None,
+    "bgr8": cv2.COLOR_BGR2RGB,
+    "rgba8": cv2.COLOR_RGBA2RGB,
+    "bgra8": cv2.COLOR_BGRA2RGB,
+}
+MILLIMETRES = ("16UC1", "mono16")
+METRES = "32FC1"
+# Depth in metres as floats gets units of 0.1 mm; what lies beyond 6.5 m then counts as no reading.
+MILLIMETRE_SCALE, FLOAT_SCALE = 1000.0, 10_000.0
+LARGEST = np.iinfo(np.uint16).max
+# of compressed_depth_image_transport: a format and the two parameters of its quantisation
+HEADER = struct.Struct("<iff")
+UNDISTORTED = ("", "plumb_bob", "rational_polynomial")
+Role = Literal["color", "depth"]
+
+
+@dataclass(frozen=True)
+class Spot:
+    """Where an image comes from, for messages."""
+
+    path: Path
+    place: str
+
+    def refusal(self, problem: str, mend: str) -> FormatError:
+        """The error that names file and message."""
+        return FormatError(problem, file=self.path, place=self.place, mend=mend)
+
+
+def encoding(message: Any) -> str:
+    """The encoding of a raw or a compressed image: "rgb8", "16UC1", ..."""
+    if hasattr(message, "encoding"):
+        return str(message.encoding)
+    return str(message.format).split(";")[0].strip()
+
+
+def role_of(message: Any) -> Role | None:
+    """What an image can be, by its encoding; None where neither colour nor depth."""
+    if not hasattr(message, "encoding"):
+        return "depth" if "compressedDepth" in message.format else "color"
+    kind = encoding(message)
+    return "color" if kind in COLORS else "depth" if kind in (*MILLIMETRES, METRES) else None
+
+
+def depth_scale(message: Any) -> float:
+    """Units per metre [1/m] that `depth` gives."""
+    return FLOAT_SCALE if encoding(message) == METRES else MILLIMETRE_SCALE
+
+
+def color(message: Any, spot: Spot) -> Image:
+    """The image in RGB, shape (H, W, 3).
+
+    Raises:
+        FormatError: no colour, or damaged.
+    """
+    if not hasattr(message, "encoding"):
+        return decode_color(bytes(message.data), spot.path, spot.place)
+    kind = encoding(message)
+    if kind not in COLORS:
+        mend = f"name a topic with {', '.join(COLORS)}; is depth named as color?"
+        raise spot.refusal(f"its encoding is {kind!r}", mend)
+    image = _rows(message, np.dtype(np.uint8), kind.count("a") + 3, spot)
+    turn = COLORS[kind]
+    return np.ascontiguousarray(image if turn is None else cv2.cvtColor(image, turn))
+
+
+def depth(message: Any, spot: Spot) -> Units:
+    """The depth in units of 1 / `depth_scale`, shape (H, W), 0 where there is no reading.
+
+    Raises:
+        FormatError: no depth, or damaged.
+    """
+    if not hasattr(message, "encoding"):
+        return _decompressed(message, spot)
+    kind = encoding(message)
+    if kind in MILLIMETRES:
+        return np.asarray(_rows(message, np.dtype(np.uint16), 1, spot)[..., 0], dtype=np.uint16)
+    if kind != METRES:
+        mend = f"name a topic with {', '.join((*MILLIMETRES, METRES))}; is color named as depth?"
+        raise spot.refusal(f"its encoding is {kind!r}", mend)
+    return _units(_rows(message, np.dtype(np.float32), 1, spot)[..., 0].astype(np.float64))
+
+
+def lens(info: Any, rectified: bool, spot: Spot) -> Lens:
+    """The camera of a CameraInfo; a rectified image has its projection's matrix and no distortion.
+
+    Raises:
+        FormatError: not calibrated, or a lens whose model is not known.
+    """
+    matrix = np.array(info.K if hasattr(info, "K") else info.k, dtype=np.float64).reshape(3, 3)
+    bent = np.array(info.D if hasattr(info, "D") else info.d, dtype=np.float64)
+    if rectified:
+        matrix = np.array(info.P if hasattr(info, "P") else info.p, dtype=np.float64).reshape(3, 4)[:, :3]
+        bent = np.zeros(0)
+    if not np.isfinite(matrix).all() or matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
+        raise spot.refusal(
+            "the camera is not calibrated: its focal length is 0", "calibrate it, or give camera.fx"
+        )
+    if bent.any() and (info.distortion_model not in UNDISTORTED or len(bent) not in (4, 5, 8)):
+        known = " or ".join(UNDISTORTED[1:])
+        raise spot.refusal(
+            f"its lens is {info.distortion_model!r}", f"record the rectified image, or {known}"
+        )
+    return Lens(matrix, bent)
+
+
+def _rows(message: Any, kind: np.dtype[Any], channels: int, spot: Spot) -> Any:
+    """The pixels (H, W, channels) of a raw image, whose rows may be padded."""
+    height, width, step = int(message.height), int(message.width), int(message.step)
+    row = width * channels * kind.itemsize
+    if min(height, width) < 1 or step < row or len(message.data) != height * step:
+        problem = f"holds {len(message.data)} bytes for {width} x {height} pixels in rows of {step}"
+        raise spot.refusal(problem, "record or copy it again")
+    rows = np.asarray(message.data, dtype=np.uint8).reshape(height, step)[:, :row]
+    ordered = kind.newbyteorder(">" if message.is_bigendian else "<")
+    return np.ascontiguousarray(rows).view(ordered).reshape(height, width, channels).astype(kind)
+
+
+def _decompressed(message: Any, spot: Spot) -> Units:
+    """Depth of compressed_depth_image_transport: a header and a PNG; floats are stored inverted."""
+    data = bytes(message.data)
+    if "compressedDepth" not in message.format:
+        raise spot.refusal(
+            f"its format is {message.format!r}", "name a topic of depth; is color named as depth?"
+        )
+    if "rvl" in message.format.lower():
+        raise spot.refusal("RVL compression is not known", "republish it with png, or raw")
+    if len(data) <= HEADER.size:
+        raise spot.refusal("is truncated", "record or copy it again")
+    image = decode_png(data[HEADER.size :], spot.path, spot.place)
+    if image.ndim != 2 or image.dtype != np.uint16:
+        raise spot.refusal("is no 16-bit depth", "name a topic of depth; is color named as depth?")
+    if encoding(message) != METRES:
+        return np.asarray(image, dtype=np.uint16)
+    _, a, b = HEADER.unpack_from(data)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        metres = np.where(image > 0, a / (image.astype(np.float64) - b), np.nan)
+    return _units(metres)
+
+
+def _units(metres: Floats) -> Units:
+    """Depth [m] in units of 0.1 mm; what is no number, not positive or too far is no reading."""
+    with np.errstate(invalid="ignore"):
+        units = np.rint(metres * FLOAT_SCALE)
+        seen = (units > 0) & (units <= LARGEST)
+    return np.where(seen, units, 0).astype(np.uint16)

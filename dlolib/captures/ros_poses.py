@@ -1,0 +1,134 @@
+"""Poses in ROS messages: PoseStamped, TransformStamped, and a frame of tf."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from dlolib.captures.bag import Bag, stamp_s
+from dlolib.captures.poses import transforms
+from dlolib.errors import FormatError
+from dlolib.formats import interpolate_motion
+from dlolib.types import Floats, Motion
+
+POSE, TRANSFORM, TF = (
+    f"{package}_msgs/msg/{name}"
+    for package, name in (
+        ("geometry", "PoseStamped"),
+        ("geometry", "TransformStamped"),
+        ("tf2", "TFMessage"),
+    )
+)
+KINDS = (POSE, TRANSFORM, TF, "tf/msg/tfMessage")
+# A row: time [s], position [m], quaternion (w, x, y, z).
+Row = tuple[float, ...]
+# A link of tf: the parent's name, and the poses in it over time.
+Link = tuple[str, Floats]
+
+
+def choices(bag: Bag) -> list[str]:
+    """What `poses` takes, for a question: the topics of poses, those of tf with their frames."""
+    listed = []
+    for topic, kind in sorted(bag.types.items()):
+        if kind in (POSE, TRANSFORM):
+            listed.append(topic)
+        elif kind in KINDS and not topic.endswith("static"):
+            listed += [f"{topic}:{frame}" for frame in sorted(_links(bag))]
+    return listed
+
+
+def poses(bag: Bag, name: str, role: str) -> tuple[Floats, Floats]:
+    """Times (T,) [s] and poses (T, 4, 4): of a topic, or as `/tf:frame` of a frame in the root of its tree.
+
+    Raises:
+        FormatError: no such topic or frame, or a pose that is none.
+    """
+    topic, _, frame = name.partition(":")
+    kind = bag.types.get(topic)
+    listed = ", ".join(choices(bag)) or "none"
+    place, mend = f"--topic {role}={name}", f"choose from {listed}"
+    if kind not in KINDS:
+        problem = "no such topic" if kind is None else f"is of type {kind}, no pose"
+        raise FormatError(problem, file=bag.path, place=place, mend=mend)
+    if kind in (POSE, TRANSFORM):
+        rows = np.array([_row(message, logged) for _, _, logged, message in bag.messages([topic])])
+        return _checked(bag, rows.reshape(-1, 8), topic)
+    links = _links(bag)
+    if frame not in links:
+        raise FormatError(f"no frame {frame!r}", file=bag.path, place=place, mend=mend)
+    return _composed(bag, links, frame)
+
+
+def _row(message: Any, logged_ns: int) -> Row:
+    if hasattr(message, "transform"):
+        place, turn = message.transform.translation, message.transform.rotation
+    else:
+        place, turn = message.pose.position, message.pose.orientation
+    return (stamp_s(message, logged_ns), place.x, place.y, place.z, turn.w, turn.x, turn.y, turn.z)
+
+
+def _checked(bag: Bag, rows: Floats, place: str) -> tuple[Floats, Floats]:
+    if not len(rows):
+        raise FormatError("has no message", file=bag.path, place=place, mend="name another topic")
+    # republished poses repeat their stamp; the first is kept
+    fresh = np.concatenate([[True], np.diff(rows[:, 0]) != 0])
+    rows = rows[fresh]
+    back = np.flatnonzero(np.diff(rows[:, 0]) < 0)
+    if back.size:
+        problem = f"time goes back from {rows[back[0], 0]!r} to {rows[back[0] + 1, 0]!r} s"
+        raise FormatError(problem, file=bag.path, place=place, mend="mend the clock or the order")
+    return rows[:, 0], transforms(rows[:, 1:4], rows[:, 4:], bag.path, place)
+
+
+def _links(bag: Bag) -> dict[str, Link]:
+    """Every frame's parent and rows (T, 8) in it; a static one has one row."""
+    topics = [topic for topic, kind in bag.types.items() if kind in KINDS[2:]]
+    parents: dict[str, str] = {}
+    rows: dict[str, list[Row]] = {}
+    for _, _, logged_ns, message in bag.messages(topics) if topics else ():
+        for transform in message.transforms:
+            child = transform.child_frame_id.lstrip("/")
+            parents[child] = transform.header.frame_id.lstrip("/")
+            rows.setdefault(child, []).append(_row(transform, logged_ns))
+    return {child: (parents[child], np.array(rows[child])) for child in parents}
+
+
+def _composed(bag: Bag, links: dict[str, Link], frame: str) -> tuple[Floats, Floats]:
+    """A frame's poses in its root, at the times of the link that was logged most often."""
+    chain = list(_upwards(bag, links, frame))
+    times, _ = max(chain, key=lambda link: len(link[0]))
+    product = np.tile(np.eye(4), (len(times), 1, 1))
+    for own, logged in chain:
+        product = _at(own, logged, times) @ product
+    return times, product
+
+
+def _upwards(bag: Bag, links: dict[str, Link], frame: str) -> Iterable[tuple[Floats, Floats]]:
+    """Times and poses of each link from a frame to its root."""
+    seen = set()
+    while frame in links:
+        if frame in seen:
+            raise FormatError(
+                "its frames form a ring", file=bag.path, place=f"tf, frame {frame}", mend="record tf anew"
+            )
+        seen.add(frame)
+        parent, rows = links[frame]
+        yield _checked(bag, rows, f"tf, frame {frame}")
+        frame = parent
+
+
+def _at(own_s: Floats, logged: Floats, times: Floats) -> Floats:
+    """The poses of a link at other times [s], positions linearly and turns by slerp, ends held."""
+    from scipy.spatial.transform import Rotation
+
+    turn = Rotation.from_matrix(logged[:, :3, :3]).as_quat(scalar_first=True)
+    signs = np.where(np.sum(turn[1:] * turn[:-1], axis=1) < 0, -1.0, 1.0)
+    turn[1:] *= np.cumprod(signs)[:, None]
+    place = logged[:, :3, 3]
+    between = interpolate_motion(Motion(own_s, place, turn, place, turn), times)
+    found = np.tile(np.eye(4), (len(times), 1, 1))
+    found[:, :3, :3] = Rotation.from_quat(between.start_q, scalar_first=True).as_matrix()
+    found[:, :3, 3] = between.start_m
+    return found

@@ -1,0 +1,440 @@
+"""Foreign recordings that cannot be used: status 2, one line with file, place and mend, nothing written."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from captures import foreign_samples as foreign
+from captures.foreign_samples import Ros
+
+from dlolib.cli import run
+
+Spoil = Callable[[Path], object]
+ROS = ("ros1", "ros2", "mcap")
+FREE = {"ends": {"start": "free", "end": "free"}}
+HELD = {"ends": {"start": "clamped", "end": "clamped"}}
+
+
+class Refusals:
+    """Runs `dlo ingest` and looks at what it said and wrote."""
+
+    def __init__(self, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+        self.folder, self.capfd = tmp_path, capfd
+        self.about = foreign.given(tmp_path / "object.json", camera=foreign.camera_of())
+
+    def status(self, source: Path, *options: str) -> tuple[int, str]:
+        """Exit status and what was said on standard error; a refusal leaves nothing behind."""
+        before = sorted(self.folder.iterdir())
+        out = self.folder / "out"
+        status = run(["ingest", str(source), "--out", str(out), "--object", str(self.about), *options])
+        captured = self.capfd.readouterr()
+        if status == 0:
+            shutil.rmtree(out)
+            return status, captured.err
+        assert status == 2, captured
+        assert captured.out == ""
+        line = captured.err
+        assert line.startswith("dlo: ") and line.endswith("\n") and line.count("\n") == 1, line
+        assert "; " in line, "says no mend"
+        assert sorted(self.folder.iterdir()) == before, "something half written"
+        return status, line
+
+    def __call__(self, source: Path, says: str, *options: str) -> None:
+        """It is refused, and the line says so."""
+        status, line = self.status(source, *options)
+        assert status == 2, "was taken"
+        assert says in line, line
+
+
+@pytest.fixture
+def refused(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> Refusals:
+    return Refusals(tmp_path, capfd)
+
+
+def told(value: object) -> str:
+    """The id of a case: what the line must say."""
+    return value if isinstance(value, str) else ""
+
+
+def cut(name: str, share: float = 0.5) -> Spoil:
+    def spoil(folder: Path) -> None:
+        path = sorted(folder.glob(name))[1] if "*" in name else folder / name
+        path.write_bytes(path.read_bytes()[: int(path.stat().st_size * share)])
+
+    return spoil
+
+
+def line(name: str, row: int, text: str) -> Spoil:
+    def spoil(folder: Path) -> None:
+        lines = (folder / name).read_text().splitlines()
+        lines[row] = text
+        (folder / name).write_text("\n".join(lines) + "\n")
+
+    return spoil
+
+
+def missing(name: str) -> Spoil:
+    return lambda folder: (folder / name).unlink()
+
+
+def small(name: str) -> Spoil:
+    return lambda folder: cv2.imwrite(str(sorted(folder.glob(name))[1]), np.full((12, 16), 700, np.uint16))
+
+
+def dark(name: str) -> Spoil:
+    return lambda folder: cv2.imwrite(str(sorted(folder.glob(name))[1]), np.zeros((24, 32), np.uint16))
+
+
+def swapped(first: str, second: str) -> Spoil:
+    def spoil(folder: Path) -> None:
+        (folder / first).rename(folder / "between")
+        (folder / second).rename(folder / first)
+        (folder / "between").rename(folder / second)
+
+    return spoil
+
+
+def outside(name: str) -> Spoil:
+    """A list that names a picture beside its folder, which exists."""
+
+    def spoil(folder: Path) -> None:
+        shutil.copyfile(next(folder.glob("depth/*.png")), folder.parent / "secret.png")
+        line(name, 1, "1700000000.123000 ../secret.png")(folder)
+
+    return spoil
+
+
+def drifting(folder: Path) -> None:
+    foreign.ground_truth(folder, foreign.frames(), drift_m=0.02)
+
+
+TUM: list[tuple[Spoil, str]] = [
+    (cut("depth/*.png"), "is truncated"),
+    (cut("rgb/*.png"), "is truncated"),
+    (missing("rgb.txt"), "rgb.txt: no such file"),
+    (missing("depth.txt"), "depth.txt: no such file"),
+    (outside("depth.txt"), "depth.txt: line 2: '../secret.png' is no path within the folder"),
+    (line("rgb.txt", 2, "1700000000.227 /etc/hostname"), "rgb.txt: line 3: '/etc/hostname' is no path"),
+    (line("rgb.txt", 2, "1700000000.227 rgb/none.png"), "rgb.txt: line 3: no such file: rgb/none.png"),
+    (line("rgb.txt", 2, "1700000000.227"), "rgb.txt: line 3: '' is no path within the folder"),
+    (line("rgb.txt", 2, "soon rgb/a.png"), "rgb.txt: line 3: 'soon' is no time"),
+    (line("depth.txt", 2, "1600000000.0 depth/a.png"), "depth.txt: line 3: time goes back from 17"),
+    (small("depth/*.png"), "is 16 x 12 pixels, the camera 32 x 24"),
+    (dark("depth/*.png"), "depth is zero everywhere"),
+    (swapped("rgb.txt", "depth.txt"), "is depth named as color?"),
+    (lambda folder: (folder / "rgb.txt").write_text("# nothing\n"), "rgb.txt: has no rows"),
+    (lambda folder: (folder / "rgb.txt").write_bytes(b"\xff\xfe\x00"), "rgb.txt: is not text in UTF-8"),
+]
+
+
+@pytest.mark.parametrize(("spoil", "says"), TUM, ids=told)
+def test_tum(tmp_path: Path, refused: Refusals, spoil: Spoil, says: str) -> None:
+    spoil(foreign.tum(tmp_path / "source", foreign.frames()))
+    refused(tmp_path / "source", says)
+
+
+def test_a_camera_that_moves(tmp_path: Path, refused: Refusals) -> None:
+    folder = foreign.tum(tmp_path / "source", foreign.frames())
+    optics = {name: value for name, value in foreign.camera_of().items() if name != "world_from_camera"}
+    foreign.given(refused.about, camera=optics)
+    refused(folder, "camera.world_from_camera: the recording does not say where the camera stands")
+    drifting(folder)
+    refused(folder, "groundtruth.txt: poses: the camera moves by 0.02 m")
+    line("groundtruth.txt", 2, "1700000000.2 2.0 3.0")(folder)
+    refused(folder, "groundtruth.txt: line 3: is no pose")
+
+
+def test_color_and_depth_of_two_clocks(tmp_path: Path, refused: Refusals) -> None:
+    folder = foreign.tum(tmp_path / "source", foreign.frames())
+    text = (folder / "rgb.txt").read_text()
+    (folder / "rgb.txt").write_text(text.replace("\n170", "\n180"))
+    refused(folder, "the nearest color and depth images are 1e+08 s apart; bring both to one clock")
+
+
+@pytest.mark.parametrize("write", [foreign.tum, foreign.redwood])
+def test_a_missing_calibration(tmp_path: Path, refused: Refusals, write: Callable[..., Path]) -> None:
+    folder = write(tmp_path / "source", foreign.frames())
+    for path in folder.glob("*.json"):
+        path.unlink()
+    foreign.given(refused.about)
+    refused(
+        folder, "object.json: camera.width: the recording does not say width, height, fx, fy, cx, cy; add"
+    )
+
+
+def intrinsics(**changes: Any) -> Spoil:
+    def spoil(folder: Path) -> None:
+        path = folder / "camera_intrinsic.json"
+        path.write_text(json.dumps(json.loads(path.read_text()) | changes))
+
+    return spoil
+
+
+def unnamed(folder: Path) -> None:
+    for path in [*folder.glob("*/*.png")]:
+        path.rename(path.with_name(f"{path.stem[:7]}.png"))
+
+
+def truncated_jpeg(folder: Path) -> None:
+    path = sorted(folder.glob("color/*.png"))[1]
+    data = cv2.imencode(".jpg", np.random.default_rng(0).integers(0, 255, (24, 32, 3), np.uint8))[1].tobytes()
+    path.with_suffix(".jpg").write_bytes(data[:-200])
+    path.unlink()
+
+
+REDWOOD: list[tuple[Spoil, str]] = [
+    (cut("color/*.png"), "is truncated"),
+    (truncated_jpeg, "is a truncated JPEG"),
+    (swapped("color", "depth"), "is depth named as color?"),
+    (small("depth/*.png"), "is 16 x 12 pixels, the camera 32 x 24"),
+    (intrinsics(width=31), "is 32 x 24 pixels, the camera 31 x 24"),
+    (intrinsics(intrinsic_matrix=[1, 2, 3]), "camera_intrinsic.json: is no camera of Open3D"),
+    (intrinsics(intrinsic_matrix=[0] * 9), "camera_intrinsic.json: a number in it is none, or not positive"),
+    (intrinsics(fps="fast"), "camera_intrinsic.json: a number in it is none, or not positive"),
+    (cut("camera_intrinsic.json"), "camera_intrinsic.json: is no camera of Open3D"),
+    (intrinsics(depth_scale=1.0), "with depth_scale 1; correct camera.depth_scale"),
+    (
+        lambda folder: sorted(folder.glob("color/*.png"))[1].unlink(),
+        "color: no image with the number of 00000",
+    ),
+    (unnamed, "object.json: rate_hz: when 0000001.png was taken is not recorded"),
+]
+
+
+@pytest.mark.parametrize(("spoil", "says"), REDWOOD, ids=told)
+def test_redwood(tmp_path: Path, refused: Refusals, spoil: Spoil, says: str) -> None:
+    foreign.given(refused.about)
+    spoil(foreign.redwood(tmp_path / "source", foreign.frames()))
+    refused(tmp_path / "source", says)
+
+
+def test_times_in_names_that_go_back(tmp_path: Path, refused: Refusals) -> None:
+    shot = foreign.frames()
+    refused(foreign.redwood(tmp_path / "source", replace(shot, ns=shot.ns[::-1])), "time goes back from 17")
+
+
+def place(tmp_path: Path, kind: str) -> Path:
+    return tmp_path / ("source.bag" if kind == "ros1" else "source")
+
+
+@pytest.mark.parametrize("kind", ROS)
+@pytest.mark.parametrize(
+    ("change", "options", "says"),
+    [
+        ({"backwards": True}, (), f"{foreign.COLOR}, image 1: time goes back from 17"),
+        ({"color": "mono8"}, (), "color: no topic has images of color; record one"),
+        (
+            {"second_depth": True},
+            (),
+            f"depth: 2 topics can be depth; name one: --topic depth=NAME, of {foreign.DEPTH}, /other/depth",
+        ),
+        (
+            {},
+            ("--topic", "depth=/nowhere"),
+            f"--topic depth=/nowhere: no topic of depth; choose from {foreign.DEPTH}",
+        ),
+        (
+            {},
+            ("--topic", f"depth={foreign.COLOR}", "--topic", f"color={foreign.DEPTH}"),
+            f"color={foreign.DEPTH}: no topic of color; choose from {foreign.COLOR}",
+        ),
+        ({}, ("--topic", "camera_info=/info"), f"no topic of camera_info; choose from {foreign.INFO}"),
+        ({}, ("--topic", "smell=/nose"), "no topic of 'smell'; choose from color, depth, camera_info"),
+        ({}, ("--topic", "depth"), "--topic depth: no role or no name; write ROLE=NAME"),
+        ({"info": False}, (), "object.json: camera.width: the recording does not say width"),
+        ({"distortion": (0.1,) * 3}, (), "its lens is 'plumb_bob'"),
+        (
+            {},
+            ("--topic", "camera_pose=/tf"),
+            "no frame ''; choose from /tcp_pose, /tf:base, /tf:eye, /tf:tool",
+        ),
+        (
+            {},
+            ("--topic", f"motion={foreign.COLOR}"),
+            "is of type sensor_msgs/msg/Image, no pose; choose from",
+        ),
+    ],
+)
+def test_bags(
+    tmp_path: Path, refused: Refusals, kind: str, change: dict[str, Any], options: tuple[str, ...], says: str
+) -> None:
+    foreign.given(refused.about)
+    shot = foreign.frames()
+    source = foreign.bag(place(tmp_path, kind), shot, Ros(kind, **change), foreign.motion(shot))
+    refused(source, says, *options)
+
+
+def test_ends_whose_motion_nobody_gives(tmp_path: Path, refused: Refusals) -> None:
+    foreign.given(refused.about, **HELD)
+    shot = foreign.frames()
+    source = foreign.bag(tmp_path / "source.bag", shot, Ros(), foreign.motion(shot))
+    refused(
+        source,
+        "motion: does not say how the held ends move; give --motion CSV, or --topic motion=NAME: /tcp_pose",
+    )
+    refused(
+        source,
+        "object.json: start: the motion needs the pose of the start",
+        "--topic",
+        f"motion={foreign.TOOL}",
+    )
+    foreign.given(refused.about, **FREE)
+    refused(source, "ends: both ends are free, but a motion is given", "--topic", f"motion={foreign.TOOL}")
+
+
+def test_depth_of_another_viewpoint(tmp_path: Path, refused: Refusals) -> None:
+    shot = foreign.frames()
+    source = foreign.bag(tmp_path / "source.bag", replace(shot, depth=shot.depth[:, ::2, ::2]), Ros())
+    refused(source, "depth is 16 x 12, color 32 x 24: they have different viewpoints")
+
+
+@pytest.mark.parametrize("kind", ROS)
+def test_truncated_bags(tmp_path: Path, refused: Refusals, kind: str) -> None:
+    source = foreign.bag(place(tmp_path, kind), foreign.frames(), Ros(kind))
+    file = source if kind == "ros1" else next(path for path in source.iterdir() if path.suffix != ".yaml")
+    whole = file.read_bytes()
+    for share in (0.0, 0.001, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99):
+        file.write_bytes(whole[: int(share * len(whole))])
+        refused(source, str(source))
+
+
+@pytest.mark.parametrize("kind", ROS)
+def test_damaged_bags_never_end_in_a_traceback(tmp_path: Path, refused: Refusals, kind: str) -> None:
+    source = foreign.bag(place(tmp_path, kind), foreign.frames(2), Ros(kind))
+    rng = np.random.default_rng(3)
+    ends = []
+    for file in [source] if kind == "ros1" else sorted(source.iterdir()):
+        whole = file.read_bytes()
+        for _ in range(12):
+            spoilt = bytearray(whole)
+            for at in rng.integers(0, len(whole), 8):
+                spoilt[at] ^= int(rng.integers(1, 256))
+            file.write_bytes(bytes(spoilt))
+            ends.append(refused.status(source)[0])
+        file.write_bytes(whole)
+    assert 2 in ends
+    assert refused.status(source)[0] == 0
+
+
+def test_metadata_that_points_outside(tmp_path: Path, refused: Refusals) -> None:
+    source = foreign.bag(tmp_path / "source", foreign.frames(), Ros("ros2"))
+    stored = next(source.glob("*.db3"))
+    stored.rename(tmp_path / "secret.db3")
+    text = (source / "metadata.yaml").read_text()
+    (source / "metadata.yaml").write_text(text.replace(stored.name, "../secret.db3"))
+    refused(source, f"{source}: the bag: cannot be read: Some database files are missing")
+
+
+def kinect(attached: dict[str, Any] | None, **names: str) -> Callable[[Path], None]:
+    shot = foreign.frames(2, foreign.KINECT_WIDTH, foreign.KINECT_HEIGHT)
+    return lambda path: foreign.kinect(path, shot, attached, **names) and None
+
+
+def first_camera(**changes: Any) -> dict[str, Any]:
+    content = foreign.calibration()
+    content["CalibrationInformation"]["Cameras"][0] |= changes
+    return content
+
+
+def test_kinects(tmp_path: Path, refused: Refusals) -> None:
+    path = tmp_path / "source.mkv"
+    foreign.given(refused.about)
+    lens = {"ModelParameters": [0.5] * 14, "ModelType": "CALIBRATION_LensDistortionModelRational6KT"}
+    for write, says in (
+        (kinect(None), "calibration.json: no calibration is attached"),
+        (kinect({}), "calibration.json: the attached calibration is damaged"),
+        (kinect(first_camera(Intrinsics={})), "calibration.json: the attached calibration is damaged"),
+        (kinect(first_camera(Intrinsics=lens)), "calibration.json: the attached calibration is damaged"),
+        (kinect(foreign.calibration(), tracks="INFRA"), "DEPTH: no track DEPTH, found COLOR, INFRA"),
+    ):
+        write(path)
+        refused(path, f"{path}: {says}")
+    shot = foreign.frames(2)
+    foreign.kinect(path, replace(shot, color=foreign.frames(2, 320, 288).color), foreign.calibration())
+    refused(
+        path,
+        f"{path}: DEPTH: the Azure Kinect has no mode of depth with 32 x 24 pixels; record one of 320 x 288",
+    )
+
+
+def test_truncated_kinects(tmp_path: Path, refused: Refusals) -> None:
+    path = tmp_path / "source.mkv"
+    kinect(foreign.calibration())(path)
+    whole = path.read_bytes()
+    for share in (0.0, 1e-6, 0.2, 0.5, 0.9, 0.9999):
+        path.write_bytes(whole[: int(share * len(whole))])
+        refused(path, "is truncated" if share > 0.1 else "is no Matroska file")
+    for at in range(0, 3000, 100):
+        spoilt = bytearray(whole)
+        spoilt[at : at + 4] = b"\xff\x00\x81\x7f"
+        path.write_bytes(bytes(spoilt))
+        refused.status(path)
+
+
+def test_a_realsense_recording_that_librealsense_cannot_read(tmp_path: Path, refused: Refusals) -> None:
+    """No public writer of RealSense's bags exists, so that only the refusal can be tested here."""
+    source = foreign.bag(tmp_path / "source.bag", foreign.frames(), Ros(root="/device_0/sensor_0"))
+    refused(source, "source.bag: streams: librealsense cannot read it")
+
+
+def clouds(folder: Path, name: str = "000000.ply") -> Path:
+    folder.mkdir()
+    (folder / name).write_bytes(b"ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nend_header\n1\n")
+    return folder
+
+
+def test_clouds(tmp_path: Path, refused: Refusals) -> None:
+    source = clouds(tmp_path / "source")
+    refused(source, "object.json: rate_hz: when 000000.ply was taken is not recorded")
+    foreign.given(refused.about, rate_hz=1.0, camera=foreign.camera_of())
+    refused(source, "000000.ply: is truncated: 1 points where its header promises 2")
+    refused(clouds(tmp_path / "other", "rope.ply"), "other: holds no numbered .ply")
+
+
+def test_what_is_no_recording(tmp_path: Path, refused: Refusals) -> None:
+    (tmp_path / "notes.txt").write_text("hello")
+    refused(tmp_path / "notes.txt", "notes.txt: is in no known format; give a capture folder, or one of: TUM")
+    refused(tmp_path / "nowhere", "")
+    (tmp_path / "empty").mkdir()
+    refused(tmp_path / "empty", "")
+
+
+def test_options_that_do_not_fit(tmp_path: Path, refused: Refusals) -> None:
+    source = foreign.tum(tmp_path / "source", foreign.frames())
+    refused(source, "has no topic of 'depth'; leave it out", "--topic", "depth=/depth")
+    refused(foreign.own(tmp_path / "own", foreign.frames()), "--object: a capture folder has no topics")
+
+
+def test_nobody_says_what_was_recorded(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    source = foreign.redwood(tmp_path / "source", foreign.frames())
+    assert run(["ingest", str(source), "--out", str(tmp_path / "out")]) == 2
+    assert (
+        "source: object: does not say which object was recorded; give --object FILE" in capfd.readouterr().err
+    )
+    assert sorted(tmp_path.iterdir()) == [source]
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"object": {"name": "rope"}}, "object.json: object.length_m"),
+        ({"camera": {"fx": 0}}, "object.json: camera.fx"),
+        ({"camera": {"world_from_camera": [[1]]}}, "object.json: camera.world_from_camera: is no 4 x 4"),
+        ({"tool_from_grasp": [[2]]}, "object.json: tool_from_grasp: is no 4 x 4"),
+        ({"start": {"position_m": [0, 0, 0], "quaternion": [0, 0, 0, 0]}}, "object.json: start.quaternion"),
+        ({"format": "dlo-layout/1"}, "object.json: format"),
+    ],
+)
+def test_an_object_that_is_none(
+    tmp_path: Path, refused: Refusals, changes: dict[str, Any], says: str
+) -> None:
+    foreign.given(refused.about, **changes)
+    refused(foreign.redwood(tmp_path / "source", foreign.frames()), says)
