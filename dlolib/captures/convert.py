@@ -50,7 +50,8 @@ def convert(foreign: Foreign, path: Path, given: Given, out: Path, motion_csv: P
     motion = _motion(foreign, path, given, motion_csv)
     view = given.world_from_camera if given.world_from_camera is not None else foreign.world_from_camera
     if view is None:
-        mend = f"add it, 4 x 4, row major{foreign.hint and '; or name a topic: ' + foreign.hint}"
+        hint = foreign.hint
+        mend = f"add it, 4 x 4, row major{hint and ', or --topic camera_pose=NAME: ' + hint}"
         problem = "the recording does not say where the camera stands"
         raise FormatError(problem, file=given.file, place="camera.world_from_camera", mend=mend)
     with whole_folder(out) as folder:
@@ -64,7 +65,18 @@ def convert(foreign: Foreign, path: Path, given: Given, out: Path, motion_csv: P
         write_capture_index(_index(given, path, camera, kept, motion, folder), folder)
         if motion_csv is not None:
             shutil.copyfile(motion_csv, folder / "motion.csv")
+        _check_written(folder, path)
     return read_capture_index(out)
+
+
+def _check_written(folder: Path, path: Path) -> None:
+    """Read the capture before it appears: what is wrong with it is wrong with the recording."""
+    try:
+        read_capture_index(folder)
+    except FormatError as error:
+        name = error.file.name if error.file else ""
+        place = ", ".join(part for part in (f"as {name}", error.place) if part)
+        raise FormatError(error.problem, file=path, place=place, mend=error.mend) from error
 
 
 def _motion(foreign: Foreign, path: Path, given: Given, motion_csv: Path | None) -> Motion | None:
@@ -74,7 +86,8 @@ def _motion(foreign: Foreign, path: Path, given: Given, motion_csv: Path | None)
         return foreign.motion
     if given.ends.start == given.ends.end == "free":
         return None
-    mend = f"give --motion CSV{foreign.hint and ', or --topic motion=NAME: ' + foreign.hint}"
+    hint = foreign.hint
+    mend = f"give --motion CSV{hint and ', or --topic motion=NAME: ' + hint}"
     mend += f', or call both ends "free" in {given.file.name}'
     raise FormatError("does not say how the held ends move", file=path, place="motion", mend=mend)
 

@@ -39,7 +39,6 @@ class RosBag:
     lens: Lens | None
     world_from_camera: Floats | None
     motion: Motion | None
-    hint: str
 
     @classmethod
     def matches(cls, path: Path) -> bool:
@@ -55,13 +54,18 @@ class RosBag:
             stamps = _stamps(bag, topics)
             pairs = paired(stamps["depth"], stamps["color"], path)
             view, motion = _camera_pose(bag, asked), _motion(bag, asked)
-            hint = ", ".join(ros_poses.choices(bag))
-        return cls(path, topics, stamps["depth"], pairs, optics, lens, view, motion, hint)
+        return cls(path, topics, stamps["depth"], pairs, optics, lens, view, motion)
 
     @property
     def count(self) -> int:
         """How many pairs there are."""
         return len(self.pairs)
+
+    @property
+    def hint(self) -> str:
+        """The topics of poses, and the frames of tf."""
+        with Bag(self.path) as bag:
+            return ", ".join(ros_poses.choices(bag))
 
     def shots(self) -> Iterator[Shot]:
         """Each pair at the stamp of its depth image."""
@@ -76,9 +80,11 @@ class RosBag:
 
     def _shot(self, t_s: float, depth: tuple[Any, Spot], color: tuple[Any, Spot]) -> Shot:
         units, picture = ros_images.depth(*depth), ros_images.color(*color)
-        if units.shape != picture.shape[:2]:
-            problem = f"depth is {_size(units)}, color {_size(picture)}: they have different viewpoints"
-            raise depth[1].refusal(problem, "name the topic of depth that is registered to color")
+        frames = [message.header.frame_id for message, _ in (depth, color)]
+        if units.shape != picture.shape[:2] or (all(frames) and frames[0] != frames[1]):
+            seen = f"depth is {_size(units)} from {frames[0]!r}, color {_size(picture)} from {frames[1]!r}"
+            mend = "name the topic of depth that is registered to color"
+            raise depth[1].refusal(f"{seen}: they have different viewpoints", mend)
         shot = Shot(t_s, self.path, depth[1].place, picture, units)
         lens = self.lens
         return shot if lens is None else replace(shot, color=lens.color(picture), depth=lens.depth(units))

@@ -157,6 +157,7 @@ class Ros:
     backwards: bool = False
     padding: int = 0
     root: str = ""
+    depth_frame: str = "camera"
 
     @property
     def store(self) -> Any:
@@ -211,12 +212,12 @@ class _Messages:
         more = {"seq": 0} if self.how.kind == "ros1" else {}
         return self.types["std_msgs/msg/Header"](stamp=time, frame_id=frame, **more)
 
-    def image(self, pixels: NDArray[Any], encoding: str, ns: int) -> Any:
+    def image(self, pixels: NDArray[Any], encoding: str, ns: int, frame: str = "camera") -> Any:
         height, width = pixels.shape[:2]
         rows = np.ascontiguousarray(pixels).view(np.uint8).reshape(height, -1)
         rows = np.pad(rows, ((0, 0), (0, self.how.padding)), constant_values=255)
         return self.types["sensor_msgs/msg/Image"](
-            header=self.header(ns),
+            header=self.header(ns, frame),
             height=height,
             width=width,
             encoding=encoding,
@@ -251,7 +252,7 @@ class _Messages:
         if kind == "32FC1":
             metres = np.where(image > 0, image / np.float32(scale), np.nan)
             return self.image(metres.astype(np.float32), kind, ns)
-        return self.image(image.astype(">u2") if kind == "big" else image, "16UC1", ns)
+        return self.image(image.astype(">u2") if kind == "big" else image, "16UC1", ns, self.how.depth_frame)
 
     def info(self, ns: int) -> Any:
         fx, fy, cx, cy = OPTICS.values()

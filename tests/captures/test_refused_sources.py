@@ -145,7 +145,7 @@ def test_a_camera_that_moves(tmp_path: Path, refused: Refusals) -> None:
     folder = foreign.tum(tmp_path / "source", foreign.frames())
     optics = {name: value for name, value in foreign.camera_of().items() if name != "world_from_camera"}
     foreign.given(refused.about, camera=optics)
-    refused(folder, "camera.world_from_camera: the recording does not say where the camera stands")
+    refused(folder, "camera.world_from_camera: the recording does not say where the camera stands; add it")
     drifting(folder)
     refused(folder, "groundtruth.txt: poses: the camera moves by 0.02 m")
     line("groundtruth.txt", 2, "1700000000.2 2.0 3.0")(folder)
@@ -290,10 +290,24 @@ def test_ends_whose_motion_nobody_gives(tmp_path: Path, refused: Refusals) -> No
     refused(source, "ends: both ends are free, but a motion is given", "--topic", f"motion={foreign.TOOL}")
 
 
+def test_a_motion_in_millimetres(tmp_path: Path, refused: Refusals) -> None:
+    foreign.given(refused.about, ends={"start": "free", "end": "clamped"})
+    shot = foreign.frames()
+    moved = foreign.motion(shot)
+    far = replace(moved, end_m=1000 * moved.end_m)
+    source = foreign.bag(tmp_path / "source.bag", shot, Ros(), far)
+    says = "source.bag: as motion.csv, line 2, column end_x_m: 420 m; looks like millimetres; divide by 1000"
+    refused(source, says, "--topic", f"motion={foreign.TOOL}")
+
+
 def test_depth_of_another_viewpoint(tmp_path: Path, refused: Refusals) -> None:
     shot = foreign.frames()
     source = foreign.bag(tmp_path / "source.bag", replace(shot, depth=shot.depth[:, ::2, ::2]), Ros())
-    refused(source, "depth is 16 x 12, color 32 x 24: they have different viewpoints")
+    refused(source, "depth is 16 x 12 from 'camera', color 32 x 24 from 'camera': they have different viewp")
+    source = foreign.bag(tmp_path / "infrared.bag", foreign.frames(), Ros(depth_frame="infrared"))
+    refused(
+        source, "depth is 32 x 24 from 'infrared', color 32 x 24 from 'camera': they have different viewp"
+    )
 
 
 @pytest.mark.parametrize("kind", ROS)
