@@ -16,7 +16,7 @@ from dlolib.errors import FormatError
 from dlolib.types import Camera
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
-JPEG_BEGINS, JPEG_ENDS = b"\xff\xd8", b"\xff\xd9"
+JPEG = b"\xff\xd8"
 NEAREST_M, FURTHEST_M = 0.05, 30.0
 
 
@@ -100,11 +100,11 @@ def decode_color(data: bytes, path: Path, place: str | None = None) -> Image:
     Raises:
         FormatError: neither, truncated, damaged, or without colour.
     """
-    if data.startswith(JPEG_BEGINS):
-        # some cameras fill a JPEG up with zeros
+    if data.startswith(JPEG):
+        # OpenCV refuses a truncated JPEG by itself
         image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_COLOR)
-        if image is None or not data.rstrip(b"\0").endswith(JPEG_ENDS):
-            raise FormatError("is a truncated JPEG", file=path, place=place, mend="record or copy it again")
+        if image is None:
+            raise FormatError("is a damaged JPEG", file=path, place=place, mend="record or copy it again")
     else:
         image = decode_png(data, path, place)
     if image.ndim != 3 or image.dtype != np.uint8:

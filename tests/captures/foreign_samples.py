@@ -328,17 +328,21 @@ def calibration(shift_m: float = 0.0) -> dict[str, Any]:
     return {"CalibrationInformation": {"Cameras": cameras}}
 
 
-def kinect(path: Path, shot: Frames, attached: dict[str, Any] | None = None, tracks: str = "DEPTH") -> Path:
-    """An Azure Kinect's .mkv, its colour not compressed; FFmpeg counts milliseconds."""
+def kinect(
+    path: Path,
+    shot: Frames,
+    attached: dict[str, Any] | None = None,
+    tracks: str = "DEPTH",
+    color: tuple[str, str] = ("rawvideo", "bgra"),
+) -> Path:
+    """An Azure Kinect's .mkv, its colour not compressed unless asked; FFmpeg counts milliseconds."""
     millisecond = Fraction(1, 1000)
     with av.open(str(path), "w", format="matroska", options={"allow_raw_vfw": "1"}) as file:
         streams = []
-        for title, kind, size in (
-            ("COLOR", "bgra", (1280, 720)),
-            (tracks, "gray16be", shot.depth.shape[:0:-1]),
-        ):
-            stream = file.add_stream("rawvideo", rate=10)
-            stream.width, stream.height, stream.pix_fmt = int(size[0]), int(size[1]), kind
+        raw = ("rawvideo", "gray16be")
+        for title, form, size in (("COLOR", color, (1280, 720)), (tracks, raw, shot.depth.shape[:0:-1])):
+            stream = file.add_stream(form[0], rate=10)
+            stream.width, stream.height, stream.pix_fmt = int(size[0]), int(size[1]), form[1]
             stream.metadata["title"] = title
             stream.codec_context.time_base = millisecond
             streams.append(stream)
@@ -350,7 +354,7 @@ def kinect(path: Path, shot: Frames, attached: dict[str, Any] | None = None, tra
             large = np.zeros((720, 1280, 3), np.uint8)
             large[72 : 72 + 2 * KINECT_HEIGHT, 320:960] = shot.color[row].repeat(2, 0).repeat(2, 1)
             images = (
-                av.VideoFrame.from_ndarray(large, format="rgb24").reformat(format="bgra"),
+                av.VideoFrame.from_ndarray(large, format="rgb24").reformat(format=color[1]),
                 av.VideoFrame.from_ndarray(shot.depth[row], format="gray16be"),
             )
             for stream, image in zip(streams, images, strict=True):

@@ -186,13 +186,13 @@ def unnamed(folder: Path) -> None:
 def truncated_jpeg(folder: Path) -> None:
     path = sorted(folder.glob("color/*.png"))[1]
     data = cv2.imencode(".jpg", np.random.default_rng(0).integers(0, 255, (24, 32, 3), np.uint8))[1].tobytes()
-    path.with_suffix(".jpg").write_bytes(data[:-200])
+    path.with_suffix(".jpg").write_bytes(data[:-20])
     path.unlink()
 
 
 REDWOOD: list[tuple[Spoil, str]] = [
     (cut("color/*.png"), "is truncated"),
-    (truncated_jpeg, "is a truncated JPEG"),
+    (truncated_jpeg, "is a damaged JPEG"),
     (swapped("color", "depth"), "is depth named as color?"),
     (small("depth/*.png"), "is 16 x 12 pixels, the camera 32 x 24"),
     (intrinsics(width=31), "is 32 x 24 pixels, the camera 31 x 24"),
