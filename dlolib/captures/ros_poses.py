@@ -46,6 +46,7 @@ def poses(bag: Bag, name: str, role: str) -> tuple[Floats, Floats]:
         FormatError: no such topic or frame, or a pose that is none.
     """
     topic, _, frame = name.partition(":")
+    frame = frame.lstrip("/")
     kind = bag.types.get(topic)
     listed = ", ".join(choices(bag)) or "none"
     place, mend = f"--topic {role}={name}", f"choose from {listed}"

@@ -249,6 +249,11 @@ class _Messages:
         if kind == "compressedDepth":
             data = struct.pack("<iff", 0, 0.0, 0.0) + cv2.imencode(".png", image)[1].tobytes()
             return self.compressed(data, "16UC1; compressedDepth png", ns)
+        if kind == "inverse":
+            a, b = 10100.0, 1 - 10100.0 / 10.0
+            stored = np.where(image > 0, np.rint(a / np.maximum(image, 1) * scale + b), 0).astype(np.uint16)
+            data = struct.pack("<iff", 0, a, b) + cv2.imencode(".png", stored)[1].tobytes()
+            return self.compressed(data, "32FC1; compressedDepth png", ns)
         if kind == "32FC1":
             metres = np.where(image > 0, image / np.float32(scale), np.nan)
             return self.image(metres.astype(np.float32), kind, ns)

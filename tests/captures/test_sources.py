@@ -130,6 +130,16 @@ def test_depth_in_metres_keeps_a_tenth_of_a_millimetre(tmp_path: Path) -> None:
     np.testing.assert_array_equal(stored, shot.depth[1] * 10)
 
 
+def test_inverted_depth_is_turned_back(tmp_path: Path) -> None:
+    """compressed_depth_image_transport stores metres as A / depth + B: here to 0.05 mm at 0.7 m."""
+    shot = foreign.frames()
+    about = foreign.given(tmp_path / "object.json")
+    source = foreign.bag(tmp_path / "source.bag", shot, Ros(depth="inverse"))
+    ingest(source, tmp_path / "out", object_json=about)
+    for row, frame in enumerate(open_capture(tmp_path / "out").frames()):
+        np.testing.assert_allclose(frame.depth_m, shot.depth[row] / 1000, atol=1e-4)
+
+
 def test_jpegs_are_read(tmp_path: Path) -> None:
     shot = foreign.frames()
     smooth = np.full_like(shot.color, (200, 60, 20))
@@ -142,7 +152,7 @@ def test_jpegs_are_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", ROS)
-@pytest.mark.parametrize("topic", [foreign.TOOL, "/tf:tool"])
+@pytest.mark.parametrize("topic", [foreign.TOOL, "/tf:tool", "/tf:/tool"])
 def test_the_motion_of_the_moved_end_comes_from_a_topic(tmp_path: Path, kind: str, topic: str) -> None:
     shot = foreign.frames()
     moved = foreign.motion(shot)
