@@ -298,12 +298,23 @@ def _step_times(recording: Recording, step_s: float | None, share: float) -> Flo
         begin = frames[0] + step_s if released else rows[0]
         last = max(frames[-1], begin + step_s)
         return np.asarray(begin + step_s * np.arange(np.ceil((last - begin) / step_s - 1e-9) + 1))
-    times = [rows[:1], frames]
-    keep = rows[rows <= frames[-1]]
-    parts = np.ceil(_ways(interpolate_motion(recording.motion, keep)) / share).astype(int)
-    for a, count in enumerate(np.maximum(parts, 1)):
-        times.append(keep[a] + (keep[a + 1] - keep[a]) * np.arange(count + 1) / count)
-    return _thinned(np.unique(np.concatenate(times)), frames, recording.motion, share)
+    return _evenly(np.unique(np.concatenate([rows[:1], frames])), recording.motion, share)
+
+
+def _evenly(marks: Floats, motion: Motion, share: float) -> Floats:
+    """Times from mark to mark, each way in as many equal parts as the largest step asks for.
+
+    Equal steps are what the solver foretells best: its first guess goes on as the last steps went.
+    """
+    fine = np.unique(np.concatenate([marks, motion.t_s[motion.t_s <= marks[-1]]]))
+    gone = np.concatenate([[0.0], np.cumsum(_ways(interpolate_motion(motion, fine)))])
+    at = np.interp(marks, fine, gone)
+    times = [marks[:1]]
+    for first, last, begin, end in zip(marks, marks[1:], at, at[1:], strict=False):
+        parts = max(int(np.ceil((end - begin) / share - 1e-9)), 1)
+        inner = np.interp(begin + (end - begin) * np.arange(1, parts) / parts, gone, fine)
+        times.append(np.append(np.clip(inner, first, last), last))
+    return np.unique(np.concatenate(times))
 
 
 def _ways(poses: Motion) -> Floats:
@@ -320,23 +331,6 @@ def _ways(poses: Motion) -> Floats:
 def largest_step(motion: Motion) -> float:
     """The largest way between two rows of the motion, in units of the largest quasi-static step."""
     return float(_ways(motion).max(initial=0.0))
-
-
-def _thinned(times: Floats, frames: Floats, motion: Motion, share: float) -> Floats:
-    """Leave out steps between frames that move the ends less than the largest step."""
-    ways = _ways(interpolate_motion(motion, times))
-    wanted = np.isin(times, frames)
-    kept = [0]
-    travelled = 0.0
-    for a, ahead in enumerate(ways):
-        if travelled + ahead > share and kept[-1] != a:
-            kept.append(a)
-            travelled = 0.0
-        travelled += ahead
-        if wanted[a + 1]:
-            kept.append(a + 1)
-            travelled = 0.0
-    return times[np.unique(kept)]
 
 
 def _brackets(at: Floats, times: Floats) -> tuple[np.ndarray, np.ndarray, Floats]:
