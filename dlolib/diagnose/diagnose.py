@@ -132,16 +132,18 @@ def _study(
 
 def _raw(recordings: Sequence[Recording], settings: DiagnoseSettings) -> Study:
     """The recordings as a study, whose noise is not known yet."""
-    used = [_fitted_points(recording, settings) for recording in recordings]
-    ahead = [~mine for mine in used] if all((~mine).any() for mine in used) else []
+    declared = any(one.heldout_frames is not None for one in recordings)
+    used = [_fitted_points(one, 0.0 if declared else settings.heldout_share) for one in recordings]
 
-    def seen(some: Sequence[Bools]) -> tuple[Seen, ...]:
-        return tuple(
-            seen_as(one, mine, Whitener(grid_of(one, mine), FIRST_NOISE, _covariance(one, mine)), settings)
-            for one, mine in zip(recordings, some, strict=False)
-        )
+    def seen(one: Recording, some: Bools) -> Seen:
+        whitener = Whitener(grid_of(one, some), FIRST_NOISE, _covariance(one, some))
+        return seen_as(one, some, whitener, settings)
 
-    return Study(seen(used), between(recordings), before(recordings), ahead=seen(ahead))
+    both = list(zip(recordings, used, strict=True))
+    ahead = {k: seen(one, ~mine) for k, (one, mine) in enumerate(both) if not mine.all()}
+    return Study(
+        tuple(seen(one, mine) for one, mine in both), between(recordings), before(recordings), ahead=ahead
+    )
 
 
 def _told_by(study: Study, model: Fitted, known: Known) -> Told:
@@ -154,13 +156,11 @@ def _told_by(study: Study, model: Fitted, known: Known) -> Told:
 
 
 def _with_noise(study: Study, told: Told) -> Study:
-    def changed(seen: Sequence[Seen]) -> tuple[Seen, ...]:
-        return tuple(
-            replace(one, whitener=replace(one.whitener, noise=noise))
-            for one, (noise, _) in zip(seen, told, strict=False)
-        )
+    def changed(one: Seen, k: int) -> Seen:
+        return replace(one, whitener=replace(one.whitener, noise=told[k][0]))
 
-    return replace(study, seen=changed(study.seen), ahead=changed(study.ahead))
+    seen = tuple(changed(one, k) for k, one in enumerate(study.seen))
+    return replace(study, seen=seen, ahead={k: changed(one, k) for k, one in study.ahead.items()})
 
 
 def _best(searched: Searched) -> Fitted:
@@ -175,17 +175,16 @@ def _covariance(recording: Recording, used: Bools) -> Floats | None:
     return np.asarray(covariance[used][:, seen][:, :, seen])
 
 
-def _fitted_points(recording: Recording, settings: DiagnoseSettings) -> Bools:
-    """Which points (P,) are fitted: all but the held-out frames, the last ones where none are declared."""
+def _fitted_points(recording: Recording, share: float) -> Bools:
+    """Which points (P,) are fitted: all but the held-out frames; where none are declared, but this share of
+    the frames, the last ones."""
     frame = recording.points.frame
     if recording.heldout_frames is not None:
         first, last = recording.heldout_frames
         return np.asarray((frame < first) | (frame > last))
     frames = np.unique(frame)
-    if len(frames) < SPLIT:
-        return np.ones(len(frame), dtype=bool)
-    kept = len(frames) - int(settings.heldout_share * len(frames))
-    return np.asarray(frame < frames[kept]) if kept < len(frames) else np.ones(len(frame), dtype=bool)
+    kept = len(frames) - int(share * len(frames)) if len(frames) >= SPLIT else len(frames)
+    return np.asarray(frame <= frames[kept - 1])
 
 
 __all__ = ["Diagnosis", "diagnose"]

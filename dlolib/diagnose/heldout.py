@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,12 +47,11 @@ def foretell(study: Study, model: Fitted) -> Foretold | None:
 
 def _foretold(study: Study, model: Fitted) -> Foretold:
     heldout = _heldout(study)
-    values = [model.values(k) for k in range(len(study.seen))]
     offsets = corrected(heldout, model.point)
-    lefts = [
-        one.model.predict(heldout.rod(k, values[k])).xyz_m + offsets[k] - one.recording.points.xyz_m
-        for k, one in enumerate(heldout.seen)
-    ]
+    lefts = []
+    for k, one in enumerate(heldout.seen):
+        rod = heldout.rod(k, model.values(heldout.number(k)))
+        lefts.append(one.model.predict(rod).xyz_m + offsets[k] - one.recording.points.xyz_m)
     return _left(heldout, lefts)
 
 
@@ -79,14 +77,17 @@ def black_box(study: Study, job: tuple[Fitted, int]) -> tuple[Foretold, Foretold
     (base, seed), heldout = job, _heldout(study)
     lefts: tuple[list[Floats], list[Floats]] = ([], [])
     offsets = corrected(heldout, base.point)
-    for k, (one, out) in enumerate(zip(study.seen, heldout.seen, strict=True)):
-        values: Mapping[str, float] = base.values(k)
+    for k, one in enumerate(study.seen):
+        values = base.values(k)
         inside = one.model.predict(study.rod(k, values)).xyz_m + base.offsets_m[k]
-        outside = out.model.predict(heldout.rod(k, values)).xyz_m + offsets[k]
         off = inside - one.recording.points.xyz_m
         surrogate = _surrogate(_features(one), off, seed)
         lefts[0].append(off - surrogate(_features(one)))
-        lefts[1].append(outside - out.recording.points.xyz_m - surrogate(_features(out)))
+        if k in study.ahead:
+            place = list(study.ahead).index(k)
+            out = heldout.seen[place]
+            outside = out.model.predict(heldout.rod(place, values)).xyz_m + offsets[place]
+            lefts[1].append(outside - out.recording.points.xyz_m - surrogate(_features(out)))
     return _left(study, lefts[0]), _left(heldout, lefts[1])
 
 

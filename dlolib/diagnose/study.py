@@ -105,19 +105,27 @@ class Study:
 
     nuisances: what each recording has for itself, with the deviation expected of it (its prior). histories:
     likewise, in models with a law that remembers. stiffnesses: those that act; where the rope is not twisted
-    GJ does not, and equals EI. ahead: each recording's held-out frames, or nothing.
+    GJ does not, and equals EI. ahead: the held-out frames of those recordings, by number, that have some.
+    numbers: of the recordings, where not all are here.
     """
 
     seen: tuple[Seen, ...]
     nuisances: Mapping[Unknown, float] = field(default_factory=dict)
     histories: Mapping[Unknown, float] = field(default_factory=dict)
     stiffnesses: tuple[str, ...] = tuple(STIFFNESSES)
-    ahead: tuple[Seen, ...] = ()
+    ahead: Mapping[int, Seen] = field(default_factory=dict)
+    numbers: tuple[int, ...] | None = None
 
     @property
     def heldout(self) -> Study | None:
         """The held-out frames as a study of their own."""
-        return replace(self, seen=self.ahead, ahead=()) if self.ahead else None
+        if not self.ahead:
+            return None
+        return replace(self, seen=tuple(self.ahead.values()), ahead={}, numbers=tuple(self.ahead))
+
+    def number(self, k: int) -> int:
+        """The number by which parameters know the k-th recording here."""
+        return k if self.numbers is None else self.numbers[k]
 
     @cached_property
     def frames(self) -> int:
@@ -395,7 +403,7 @@ def corrected(study: Study, point: Point) -> tuple[Floats, ...]:
     """
     offsets = []
     for k, one in enumerate(study.seen):
-        rod = study.rod(k, values_of(point, k))
+        rod = study.rod(k, values_of(point, study.number(k)))
         finely = one.fine.predict(rod.with_particles(one.fine.particles))
         offsets.append(4 / 3 * (finely.xyz_m - one.model.predict(rod).xyz_m))
     return tuple(offsets)

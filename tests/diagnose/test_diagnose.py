@@ -181,3 +181,16 @@ def test_identification_takes_a_verdict(tmp_path: Path) -> None:
 
 def test_the_verdict_does_not_depend_on_the_processes() -> None:
     assert diagnose([made(PLANTED["spot"])], replace(QUICK, workers=2)).verdict == found("spot").verdict
+
+
+def test_two_recordings_share_the_material_and_are_mounted_each_in_its_own_way() -> None:
+    """One is held 3 degrees otherwise, of which no effect is made; its declared frames alone are held out."""
+    other = made({"end_angle.start_1": np.deg2rad(3.0)}, seed=2)
+    one = replace(made({}), name="first")
+    both = diagnose([one, replace(other, heldout_frames=(30, 39))], QUICK)
+    assert both.verdict.status == "no_mismatch"
+    own = both.verdict.nuisances["planted"]["end_angle.start_1"]
+    assert own.low is not None and own.high is not None and own.low < np.deg2rad(3.0) < own.high
+    assert not both.verdict.nuisances["first"]
+    assert both.verdict.baseline.heldout_rmse_m == pytest.approx(np.sqrt(3) * SIGMA, rel=0.15)
+    assert [len(np.unique(seen.recording.points.frame)) for seen in both.found.study.seen] == [FRAMES, 30]
