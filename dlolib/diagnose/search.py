@@ -61,8 +61,9 @@ class Searched:
     models: tuple[Fitted, ...]
 
 
-# How often the baseline's mesh error is made anew; how often effects are looked for beside the best ones.
-CORRECTIONS, ROUNDS = 2, 4
+# How often the baseline's mesh error is made anew; how often effects are looked for beside the best ones, and
+# from how many models on.
+CORRECTIONS, ROUNDS, BEGINNINGS = 2, 4, 3
 # Evaluations of a fit before it is asked whether another start leads to one better by this in χ²; the share
 # of χ² at which a first fit's steps end.
 ROUGH, AHEAD, FIRST_TOLERANCE = 6, 10.0, 1e-5
@@ -81,7 +82,7 @@ def search(study: Study, settings: DiagnoseSettings, run: Workers) -> Searched:
         best = _best(study, models)
         if len(best.effects) < size - 1 or (size > 2 and explains(best, elastic)):
             break
-        _grown(study, models, size, settings, run)
+        _grown(study, models, elastic, size, settings, run)
     _pruned(study, models, run)
     return Searched(elastic, _ordered(study, models.values()))
 
@@ -126,22 +127,31 @@ def _best(study: Study, models: Models) -> Fitted:
     return min(models.values(), key=lambda one: one.bic(study.frames))
 
 
-def _grown(study: Study, models: Models, size: int, settings: DiagnoseSettings, run: Workers) -> None:
+def _grown(
+    study: Study, models: Models, elastic: Fitted, size: int, settings: DiagnoseSettings, run: Workers
+) -> None:
     """Forward and backward: one more effect beside those of the best model, then beside all but one of those
-    of the best one so found, until nothing changes."""
+    of the best one so found, until nothing changes.
+
+    Where much is missing a linear step from the best model foretells little, and what is found may not
+    explain what is seen: then the same from the next best models.
+    """
+    ranked = [one.effects for one in _ordered(study, models.values()) if len(one.effects) == size - 1]
     tried: set[Effects] = set()
-    for _ in range(ROUNDS):
-        effects = _best(study, models).effects
-        fewer = [effects] if len(effects) < size else list(itertools.combinations(effects, size - 1))
-        todo = [one for one in fewer if one in models and one not in tried]
-        if not todo:
+    for begin in ranked[:BEGINNINGS]:
+        todo = [begin]
+        for _ in range(ROUNDS):
+            todo = [one for one in todo if one in models and one not in tried]
+            for one in todo:
+                tried.add(one)
+                for more in _partners(study, models[one], settings, run):
+                    key = tuple(sorted(more.effects))
+                    if key not in models or more.chi2 < models[key].chi2:
+                        models[key] = replace(more, effects=key)
+            effects = _best(study, models).effects
+            todo = list(itertools.combinations(effects, size - 1)) if len(effects) == size else []
+        if explains(_best(study, models), elastic):
             break
-        for one in todo:
-            tried.add(one)
-            for more in _partners(study, models[one], settings, run):
-                key = tuple(sorted(more.effects))
-                if key not in models or more.chi2 < models[key].chi2:
-                    models[key] = replace(more, effects=key)
 
 
 def _partners(study: Study, fewer: Fitted, settings: DiagnoseSettings, run: Workers) -> list[Fitted]:
