@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -33,16 +32,19 @@ def main(kind: str, data: str) -> None:
     if kind == "sealed":
         sealed(folders)
     else:
-        write_json(REPORTS / "practice.json", {"command": "make practice DATA=DIR", **practice(folders)})
+        write_json(REPORTS / "practice.json", made_by("make practice DATA=DIR") | practice(folders))
+
+
+def made_by(command: str) -> dict[str, str]:
+    """What made a result."""
+    return {"command": command, "commit": book.commit(), "version": book.version()}
 
 
 def practice(folders: list[Path]) -> dict[str, Any]:
     """Diagnose, then compare with each truth.json."""
     rows = {}
     for folder in folders:
-        begun = time.monotonic()
-        verdict = _verdict(folder)
-        seconds = round(time.monotonic() - begun, 1)
+        verdict, seconds = _verdict(folder)
         truth = json.loads((folder / "truth.json").read_text())
         rows[folder.name] = {"seconds": seconds, **held(verdict, truth)}
     right = sum(row["names_right"] for row in rows.values())
@@ -86,21 +88,21 @@ def sealed(folders: list[Path]) -> None:
         out = REPORTS / "sealed" / folder.name
         if out.exists():
             continue
-        verdict = _verdict(folder)
+        verdict, _ = _verdict(folder)
         with whole_folder(out) as temporary:
             write_json(temporary / "verdict.json", verdict)
-            made = {"command": "make sealed DATA=DIR", "commit": book.commit(), "version": book.version()}
-            write_json(temporary / "made.json", made)
+            write_json(temporary / "made.json", made_by("make sealed DATA=DIR"))
 
 
-def _verdict(folder: Path) -> dict[str, Any]:
-    """Diagnosed on a copy in a folder of its own, far from any answer; once for each version of dlolib."""
+def _verdict(folder: Path) -> tuple[dict[str, Any], float]:
+    """The verdict on a copy in a folder of its own, far from any answer, and the seconds that it took; once
+    for each version of what diagnoses."""
     out = DATA / "proof/concealed" / book.version() / folder.name
     diagnose(folder, out, COMMAND)
     done = json.loads((out / "done.json").read_text())
     if done["exit_status"] != 0:
         raise ParameterError(f"the diagnosis ended with {done['exit_status']}: {done['stderr']}", file=folder)
-    return dict(json.loads((out / "verdict.json").read_text()))
+    return json.loads((out / "verdict.json").read_text()), done["seconds"]
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from datetime import UTC, datetime
@@ -140,6 +141,7 @@ def diagnose(recording: Path, verdict: Path, command: str) -> None:
         for name in FILES:
             shutil.copy(recording / name, copy)
         words = [word.format(recording=copy, out=out) for word in shlex.split(command)]
+        begun = time.monotonic()
         try:
             done = subprocess.run(
                 words, cwd=folder, capture_output=True, text=True, timeout=LIMIT_S, check=False
@@ -150,7 +152,8 @@ def diagnose(recording: Path, verdict: Path, command: str) -> None:
         verdict.mkdir(parents=True, exist_ok=True)
         if (out / "verdict.json").exists():
             shutil.copy(out / "verdict.json", verdict / "verdict.json")
-        write_json(verdict / "done.json", {"exit_status": status, "stderr": said})
+        seconds = round(time.monotonic() - begun, 1)
+        write_json(verdict / "done.json", {"exit_status": status, "seconds": seconds, "stderr": said})
 
 
 def totals() -> dict[str, Any]:
