@@ -141,7 +141,7 @@ def bends(moments: pd.DataFrame) -> bool:
 
 def moments_figure(moments: pd.DataFrame) -> Canvas:
     """Moment against curvature where the winning model bends most, in the order of time."""
-    figure = canvas(62, 90)
+    figure = canvas(58)
     axes: Axes = figure.subplots()
     axes.plot(moments["curvature_1_m"], 1e3 * moments["moment_n_m"], color=PLASTIC, linewidth=1.2)
     axes.plot(
