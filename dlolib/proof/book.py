@@ -14,8 +14,9 @@ from dlolib.errors import ParameterError
 from dlolib.files import write_csv
 
 RUNS = "runs.csv"
-# What the diagnosis is made of: all that `dlolib.diagnose` imports.
+# What `dlo diagnose` is made of: all that `dlolib.diagnose` imports, the command, and its figures.
 PARTS = (
+    "dlolib/cli.py",
     "dlolib/diagnose",
     "dlolib/errors.py",
     "dlolib/files.py",
@@ -23,6 +24,7 @@ PARTS = (
     "dlolib/identify",
     "dlolib/obstacles.py",
     "dlolib/progress.py",
+    "dlolib/report/diagnosis.py",
     "dlolib/sim",
     "dlolib/types.py",
 )

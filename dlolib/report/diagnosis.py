@@ -35,7 +35,8 @@ BLACK_BOX = "a residual that names nothing"
 def draw_diagnosis(folder: Path) -> None:
     """Draw rope.png, scan.png, models.png and, of a rope with a law, moments.png into the folder."""
     verdict = read_verdict(folder)
-    shapes, scan = (pd.read_csv(folder / name) for name in ("shapes.csv", "scan.csv"))
+    # a recording may be called 007
+    shapes, scan = (pd.read_csv(folder / n, dtype={"recording": str}) for n in ("shapes.csv", "scan.csv"))
     moments = pd.read_csv(folder / "moments.csv")
     with rc_context(STYLE):
         figures = {"rope": rope_figure(shapes, verdict.recordings[0])}

@@ -151,7 +151,8 @@ def read_table(path: Path) -> pd.DataFrame | None:
     if not path.is_file():
         return None
     try:
-        return pd.read_csv(path)
+        # a recording may be called 007
+        return pd.read_csv(path, dtype={"recording": str})
     except (ValueError, UnicodeDecodeError) as error:
         raise FormatError(f"no CSV table ({error})", file=path, mend="run its stage again") from error
 

@@ -131,7 +131,7 @@ def test_the_folder_is_written_and_read_again(tmp_path: Path) -> None:
 
 
 def test_the_command_and_what_takes_its_verdict(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    write_recording(made({"clock_offset.time": 0.2}), tmp_path / "recording")
+    write_recording(replace(made({"clock_offset.time": 0.2}), name="007"), tmp_path / "recording")
     left_out = [word for name in sorted(set(EFFECTS) - {"clock_offset"}) for word in ("--without", name)]
     given = [str(tmp_path / "recording"), "--out", str(tmp_path / "verdict"), "--workers", "1", *left_out]
     assert run(["diagnose", *given]) == 0
