@@ -72,18 +72,25 @@ def learn(
     held = rope or HeldRope(layout, rod, settings, settings.contact_margin_m)
     bare = rope or HeldRope(layout, rod, settings, 0.0)
     best: Learned | None = None
+    failed: SimulationError | None = None
     sides = (-1.0, 1.0) if settings.first_arc else (0.0,)
     for start in range(settings.starts):
         seed, side = settings.seed + start // len(sides), sides[start % len(sides)]
         tried = replace(settings, seed=seed, first_arc=side * settings.first_arc)
         weights = xavier(inputs, tried.hidden, seed, tried.first_arc)
         policy = Policy(weights, np.array(tried.bounds), goal_m, layout.rope.length_m)
-        learned = _train(Learner(layout, held, policy, tried), bare, tried)
+        try:
+            learned = _train(Learner(layout, held, policy, tried), bare, tried)
+        except SimulationError as error:
+            failed = error  # these weights' first path is none that a rope could follow
+            continue
         if best is None or _rank(learned.kept, settings) < _rank(best.kept, settings):
             best = learned
         if learned.free and learned.kept.goal.mean_m <= settings.near_goal_m:
             break
-    assert best is not None
+    if best is None:
+        assert failed is not None
+        raise failed
     return best
 
 

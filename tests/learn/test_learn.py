@@ -1,20 +1,23 @@
 """Algorithm 2 on the real rod: the gradient through all sub-trajectories, and that learning learns."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from dlolib.errors import ParameterError
+from dlolib.errors import ParameterError, SimulationError
 from dlolib.formats import read_layout, read_motion
 from dlolib.learn import LearnSettings, ablate, learn, write_learned
 from dlolib.learn.arcs import PARAMETERS
 from dlolib.learn.goal import goal_at_particles
 from dlolib.learn.policy import Policy, xavier
-from dlolib.learn.rope import HeldRope
+from dlolib.learn.rope import HeldRope, Piece
 from dlolib.learn.train import Learner
 from dlolib.sim.rod import Rod
+from dlolib.sim.simulate import State
+from dlolib.types import Floats
 
 LAYOUT = read_layout(Path("data/layouts/layout_2"))
 ROD = Rod(LAYOUT.rope, 3e-4, 3e-4)
@@ -61,6 +64,29 @@ def test_learning_lowers_the_loss_and_writes_it_down(tmp_path: Path) -> None:
     motion = read_motion(tmp_path / "out" / "trajectory.csv")
     assert motion.end_m[0] == pytest.approx(LAYOUT.grasp.position_m, abs=1e-6)
     assert motion.end_m[1:] == pytest.approx(learned.kept.end_m, abs=1e-8)
+
+
+class Torn(HeldRope):
+    """A rope that tears on the first path of the first initial weights."""
+
+    starts = 0
+
+    def start(self) -> tuple[State, Floats]:
+        self.starts += 1
+        return super().start()
+
+    def forward(self, state: State, end_m: Floats) -> Piece:
+        if self.starts == 1:
+            raise SimulationError("it would tear", mend="do not")
+        return super().forward(state, end_m)
+
+
+def test_weights_whose_first_path_tears_the_rope_are_left_for_others() -> None:
+    few = replace(SMALL, iterations=2, starts=2)
+    assert len(learn(LAYOUT, ROD, few, Torn(LAYOUT, ROD, few, 0.0)).curve) == 2
+    one = replace(few, starts=1)
+    with pytest.raises(SimulationError, match="it would tear"):
+        learn(LAYOUT, ROD, one, Torn(LAYOUT, ROD, one, 0.0))
 
 
 def test_same_seed_same_path() -> None:
