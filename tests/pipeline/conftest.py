@@ -135,9 +135,9 @@ def make_pipeline(folder: Path, layouts: int | None = None) -> Pipeline:
     for layout in yaml.safe_load((ROOT / "params.yaml").read_text())["layouts"]:
         (folder / "data/layouts" / layout).mkdir(parents=True)
         (folder / "data/layouts" / layout / "layout.json").write_text("{}")
-    (folder / "reports").mkdir()
-    for name in ("bench.json", "cables.json", "elastic.json", "solvers.json"):
-        (folder / "reports" / name).write_text("{}")
+    (folder / "reports/proof").mkdir(parents=True)
+    for name in ("bench", "cables", "elastic", "practice", "proof/summary", "solvers"):
+        (folder / "reports" / f"{name}.json").write_text("{}")
     stand_in = folder / ".bin" / "python"
     stand_in.parent.mkdir()
     stand_in.write_text(STAND_IN.format(python=sys.executable))
