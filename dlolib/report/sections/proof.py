@@ -57,10 +57,10 @@ def _words(proof: Mapping[str, Any]) -> Paragraph:
     bias = proof["stiffness_bias"]
     text = (
         f"{proof['recordings']} recordings of a laboratory whose solver and laws are not ours, drawn from "
-        f"secret seeds in {len(proof['shards'])} of {proof['started']} shards begun, each noted with the hash "
-        "of its answers before its diagnosis; the others were diagnosed by earlier versions and are in "
-        f"`reports/proof`. {proof['detectable']} of them hold an effect that a noise-free "
-        "fit could see (a gain of 40 in χ²)."
+        f"secret seeds in {len(proof['shards'])} of {proof['started']} shards begun, each noted with the "
+        "hash of its answers before its diagnosis; the others were diagnosed by earlier versions and are in "
+        f"`reports/proof`. {proof['detectable']} of them hold an effect that a noise-free fit could see (a "
+        "gain of 40 in χ²)."
     )
     if bias["recordings"]:
         text += (
