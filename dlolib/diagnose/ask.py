@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from dlolib.diagnose.fitting import Fitted
 from dlolib.diagnose.noise import Whitener, grid_of
-from dlolib.diagnose.study import Fitted, Seen, Study
+from dlolib.diagnose.study import Seen, Study
 from dlolib.errors import DloError
 from dlolib.identify.problem import axes
 from dlolib.sim.poses import model_of

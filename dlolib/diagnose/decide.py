@@ -8,9 +8,10 @@ from typing import Literal
 import numpy as np
 from scipy import stats
 
+from dlolib.diagnose.fitting import Fitted
 from dlolib.diagnose.residuals import explains, slow_modes
 from dlolib.diagnose.search import Searched
-from dlolib.diagnose.study import DiagnoseSettings, Fitted, Study
+from dlolib.diagnose.study import DiagnoseSettings, Study
 from dlolib.sim.effects import EFFECTS
 
 Status = Literal["no_mismatch", "explained", "ambiguous", "unexplained"]

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from scipy import optimize, stats
 
-from dlolib.diagnose.study import Fitted, Study
+from dlolib.diagnose.fitting import Fitted
+from dlolib.diagnose.study import Study
 from dlolib.errors import DloError
 from dlolib.identify.problem import axes
 from dlolib.sim.effects import EFFECTS, parameter
@@ -18,9 +21,8 @@ from dlolib.types import Detectable, Floats
 POWER = 0.95
 # Sizes are sought to this many decades, over so many of them; what is larger than so many scales is absurd.
 CLOSE, DECADES, ABSURD = 0.02, 8.0, 3.0
-# Logarithm of a gain that is far from the one needed; its growth with a decade where it goes with the square;
-# decades that such a guess may be off.
-FAR, SQUARED, NEAR = 50.0, 2 * np.log(10), 0.1
+# Logarithm of a gain that is far from the one needed; its growth with a decade where it goes with the square.
+FAR, SQUARED, SECANTS = 50.0, 2 * np.log(10), 6
 
 
 @dataclass(frozen=True)
@@ -56,42 +58,60 @@ def gain_needed(chance: float, parameters: int) -> float:
     )
 
 
-def detectable(study: Study, job: tuple[Fitted, Size, float]) -> Detectable:
-    """The size of an effect that is seen with 95 % power; the baseline's own parameters give way.
-
-    The job is the baseline, the effect, and the chance of a false alarm.
+@dataclass(frozen=True)
+class Sized:
+    """What a size is sought beside: the baseline, its points of each recording, and all that its own
+    parameters can do, as orthonormal columns (R, N); and the chance of a false alarm.
     """
-    base, size, chance = job
+
+    base: Fitted
+    clean_m: tuple[Floats, ...]
+    basis: Floats
+    chance: float
+
+
+def sized(study: Study, base: Fitted, chance: float) -> Sized:
+    """The baseline simulated once for all sizes."""
+    clean = tuple(one.model.predict(study.rod(k, base.values(k))).xyz_m for k, one in enumerate(study.seen))
+    return Sized(base, clean, _basis(study, base), chance)
+
+
+def detectable(study: Study, job: tuple[Sized, Size]) -> Detectable:
+    """The size of an effect that is seen with 95 % power; the baseline's own parameters give way."""
+    beside, size = job
     full = f"{size.name}.{size.part}"
     known = parameter(full)
     form = min((f for f in forms(EFFECTS[size.name]) if size.part in f), key=len)
-    needed = gain_needed(chance, len(form))
-    clean = [one.model.predict(study.rod(k, base.values(k))).xyz_m for k, one in enumerate(study.seen)]
-    basis = _basis(study, base)
+    needed = gain_needed(beside.chance, len(form))
 
+    @cache
     def excess(decades: float) -> float:
         try:
-            changed = _changed(study, base, clean, {**size.others, full: _value(known, decades)})
+            changed = _changed(study, beside, {**size.others, full: _value(known, decades)})
         except DloError:
             return FAR
-        gain = float(changed @ changed - np.sum((basis.T @ changed) ** 2))
+        gain = float(changed @ changed - np.sum((beside.basis.T @ changed) ** 2))
         return float(np.clip(np.log(max(gain, 1e-300) / needed), -FAR, FAR))
 
-    high = _largest(known)
-    if excess(high) < 0:
-        return Detectable(size.name, size.part, None, known.unit)
-    return Detectable(size.name, size.part, _value(known, _root(excess, high)), known.unit)
+    root = _root(excess, _largest(known))
+    return Detectable(size.name, size.part, None if root is None else _value(known, root), known.unit)
 
 
-def _root(excess: Callable[[float], float], high: float) -> float:
-    """The decades at which the excess is 0. Most gains go with the square of the size, so that one step from
-    a small size leads near."""
-    small = high - DECADES / 2
+def _root(excess: Callable[[float], float], high: float) -> float | None:
+    """The decades at which the excess is 0, None where that is beyond the largest.
+
+    Most gains go with the square of the size, so that a secant from a small size leads there at once.
+    """
+    small, low = high - DECADES / 2, high - DECADES
     guess = small - excess(small) / SQUARED
-    low, up = guess - NEAR, guess + NEAR
-    if not (low > high - DECADES and up < high and excess(low) < 0 < excess(up)):
-        low, up = high - DECADES, high
-    return low if excess(low) > 0 else float(optimize.brentq(excess, low, up, xtol=CLOSE))
+    with warnings.catch_warnings(action="ignore", category=RuntimeWarning):
+        # it warns of gains that do not grow: those are sought by bisection
+        found = optimize.root_scalar(excess, x0=small, x1=guess, xtol=CLOSE, maxiter=SECANTS)
+    if found.converged and low < found.root < high and excess(guess) < FAR:
+        return float(found.root)
+    if excess(high) < 0:
+        return None
+    return low if excess(low) > 0 else float(optimize.brentq(excess, low, high, xtol=CLOSE))
 
 
 def _value(known: Parameter, decades: float) -> float:
@@ -119,7 +139,6 @@ def _basis(study: Study, base: Fitted) -> Floats:
     for k, one in enumerate(study.seen):
         names = [u.name for u in base.unknowns if u.recording in (None, k)]
         by = one.model.predict(study.rod(k, base.values(k)), names).by_parameter[:, axes(one.model)]
-        block = np.zeros((by[:, :, 0].size, len(base.unknowns)))
         mine = [n for n, u in enumerate(base.unknowns) if u.recording in (None, k)]
         white = one.whitener(by).reshape(-1, len(mine))
         block = np.zeros((len(white), len(base.unknowns)))
@@ -128,13 +147,13 @@ def _basis(study: Study, base: Fitted) -> Floats:
     return np.asarray(np.linalg.qr(np.concatenate(rows))[0])
 
 
-def _changed(study: Study, base: Fitted, clean: list[Floats], values: dict[str, float]) -> Floats:
+def _changed(study: Study, beside: Sized, values: dict[str, float]) -> Floats:
     """Whitened change of all points (R,)."""
     parts = []
-    for k, one in enumerate(study.seen):
-        made = one.model.predict(study.rod(k, {**base.values(k), **values})).xyz_m
-        parts.append(one.whitener((made - clean[k])[:, axes(one.model)]).ravel())
+    for k, (one, clean) in enumerate(zip(study.seen, beside.clean_m, strict=True)):
+        made = one.model.predict(study.rod(k, {**beside.base.values(k), **values})).xyz_m
+        parts.append(one.whitener((made - clean)[:, axes(one.model)]).ravel())
     return np.concatenate(parts)
 
 
-__all__ = ["Size", "asked", "detectable", "gain_needed"]
+__all__ = ["Size", "Sized", "asked", "detectable", "gain_needed", "sized"]

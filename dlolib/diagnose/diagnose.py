@@ -9,13 +9,14 @@ import numpy as np
 
 from dlolib.diagnose.ask import next_motion
 from dlolib.diagnose.decide import decide
-from dlolib.diagnose.detect import asked, detectable
+from dlolib.diagnose.detect import asked, detectable, sized
+from dlolib.diagnose.fitting import Fitted
 from dlolib.diagnose.heldout import black_box, foretell
 from dlolib.diagnose.locate import Reversal, reversal, scan
 from dlolib.diagnose.noise import Whitener, grid_of, known_noise, noise_left
 from dlolib.diagnose.nuisances import before, between
 from dlolib.diagnose.search import Searched, baseline, search, searched_again
-from dlolib.diagnose.study import Bools, DiagnoseSettings, Fitted, Seen, Study, acting_only, seen_as
+from dlolib.diagnose.study import Bools, DiagnoseSettings, Seen, Study, acting_only, seen_as
 from dlolib.diagnose.verdict import Found, simulated, verdict_of
 from dlolib.diagnose.workers import Workers
 from dlolib.errors import ParameterError
@@ -67,7 +68,8 @@ def diagnose(recordings: Sequence[Recording], settings: DiagnoseSettings) -> Dia
             searched = searched_again(study, searched, run)
         decision = decide(study, searched, settings)
         base, models = searched.baseline, (searched.baseline, *searched.models)
-        sizes = [(base, size, settings.chance) for size in asked(study, settings.without)]
+        beside = sized(study, base, settings.chance)
+        sizes = [(beside, size) for size in asked(study, settings.without)]
         seen = run(detectable, sizes, "what can be seen")
         scans = run(scan, [(base, k, settings.seed) for k in range(len(recordings))], "where")
         foretold, boxes = [], [None]

@@ -8,7 +8,8 @@ import numpy as np
 from scipy.interpolate import RBFInterpolator
 from scipy.spatial.transform import Rotation
 
-from dlolib.diagnose.study import Fitted, Seen, Study, corrected
+from dlolib.diagnose.fitting import Fitted, corrected
+from dlolib.diagnose.study import Seen, Study
 from dlolib.errors import SimulationError
 from dlolib.formats import interpolate_motion
 from dlolib.identify.problem import axes

@@ -16,7 +16,8 @@ from scipy import stats
 from scipy.fft import dct
 from scipy.spatial.transform import Rotation
 
-from dlolib.diagnose.study import Fitted, Seen, Study
+from dlolib.diagnose.fitting import Fitted
+from dlolib.diagnose.study import Seen, Study
 from dlolib.formats import interpolate_motion
 from dlolib.identify.problem import axes
 from dlolib.sim.effects.base import Setup

@@ -24,6 +24,8 @@ PRIORS = {
     **{f"camera_pose.rotation_{axis}": TURNED_RAD for axis in (1, 2, 3)},
     **{f"camera_pose.shift_{axis}": SHIFTED_M for axis in (1, 2, 3)},
 }
+# What is off by more deviations is no nuisance; a difference in mounting may be, and is then said.
+FARTHEST = 3.0
 HISTORY = ("prior_history.kappa_1", "prior_history.kappa_2")
 
 
@@ -41,6 +43,11 @@ def _held(recording: Recording, name: str) -> bool:
     """A free end is mounted nowhere."""
     effect, _, part = name.partition(".")
     return effect not in MOUNTING or getattr(recording.ends, part.partition("_")[0]) == "clamped"
+
+
+def bounded(name: str) -> bool:
+    """Whether a nuisance is sought within `FARTHEST` of its deviations only."""
+    return name.partition(".")[0] not in MOUNTING
 
 
 def before(recordings: Sequence[Recording]) -> dict[Unknown, float]:
@@ -69,4 +76,4 @@ def mounted_otherwise(values: Mapping[Unknown, float], names: Sequence[str]) -> 
             yield f"{name} is mounted {np.rad2deg(max(angles)):.0f} degrees otherwise than {names[0]}."
 
 
-__all__ = ["before", "begins_unseen", "between", "mounted_otherwise"]
+__all__ = ["FARTHEST", "before", "begins_unseen", "between", "bounded", "mounted_otherwise"]

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from dlolib.diagnose.decide import Decision
-from dlolib.diagnose.study import Fitted, Study
+from dlolib.diagnose.fitting import Fitted
+from dlolib.diagnose.study import Study
 from dlolib.sim.effects import EFFECTS, parameter
 from dlolib.types import Estimate, Named, Place, Quality
 

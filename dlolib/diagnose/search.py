@@ -2,24 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlolib.diagnose.residuals import explains
-from dlolib.diagnose.study import (
-    DiagnoseSettings,
-    Fitted,
-    Point,
-    Study,
-    corrected,
-    fit,
-    hypothesis,
-    library,
-    promise,
-)
+from dlolib.diagnose.fitting import Fitted, awake, corrected, fit, hypothesis, promise
+from dlolib.diagnose.residuals import amiss, explains
+from dlolib.diagnose.study import DiagnoseSettings, Point, Study, library
 from dlolib.diagnose.workers import Workers
 from dlolib.errors import SimulationError
 from dlolib.identify.identify import FIRST_STIFFNESS_M4_S2
@@ -72,7 +64,8 @@ ROUGH, AHEAD, FIRST_TOLERANCE = 6, 10.0, 1e-5
 def search(study: Study, settings: DiagnoseSettings, run: Workers) -> Searched:
     """Fit the baseline, every effect alone, and the pairs that promise something.
 
-    A third effect is sought only where the best pair does not explain what is seen.
+    A second effect is sought where the best of these may leave more than noise, a third only where the best
+    pair does not explain what is seen.
     """
     elastic = baseline(study)
     models = {one.effects: one for one in _singles(study, elastic, settings, run)}
@@ -80,7 +73,9 @@ def search(study: Study, settings: DiagnoseSettings, run: Workers) -> Searched:
     together = models and sum(poses(one.model) for one in study.seen) >= FEWEST_POSES
     for size in range(2, settings.most_effects + 1 if together else 0):
         best = _best(study, models)
-        if len(best.effects) < size - 1 or (size > 2 and explains(best, elastic)):
+        if size == 2 and not amiss(min(best, elastic, key=lambda one: one.bic(study.frames))):
+            break
+        if size > 2 and (len(best.effects) < size - 1 or explains(best, elastic)):
             break
         _grown(study, models, elastic, size, settings, run)
     _pruned(study, models, run)
@@ -242,10 +237,11 @@ def _ranked(study: Study, task: Task) -> list[tuple[float, Floats]]:
     ranked = []
     for start in task.starts:
         theta = _coordinates(model.unknowns, start)
-        try:
+        with contextlib.suppress(SimulationError):
             ranked.append((promise(model, theta), theta))
-        except SimulationError:
-            continue
+            woken = awake(model, theta)
+            if woken is not None:
+                ranked.append((promise(model, woken), woken))
     return sorted(ranked, key=lambda one: one[0])
 
 
@@ -284,11 +280,12 @@ def _refit(study: Study, task: Task) -> Fitted | None:
 def _refined(
     study: Study, found: Sequence[Fitted | None], baseline: Fitted, run: Workers, what: str
 ) -> list[Fitted]:
-    """The best forms, those near the best of them with the mesh's error at their own optimum."""
+    """The best forms; those that gain and are near the best with the mesh's error at their own optimum."""
     fits = _best_forms(study, [one for one in found if one is not None])
     best = min((one.bic(study.frames) for one in fits), default=np.inf)
     margin = max(NEAR, NEAR_SHARE * (baseline.bic(study.frames) - best))
-    near = [one for one in fits if one.bic(study.frames) < best + margin]
+    below = min(best + margin, baseline.bic(study.frames))
+    near = [one for one in fits if one.bic(study.frames) < below]
     tasks = [Task(terms_of(one), (one.point,), one.offsets_m, 1) for one in near]
     again = run(_refit, tasks, f"{what}, refined")
     better = {one.effects: new for one, new in zip(near, again, strict=True) if new is not None}

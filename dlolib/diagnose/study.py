@@ -1,4 +1,4 @@
-"""Recordings of one object made ready for many models, and one model's fit to them."""
+"""Recordings of one object made ready for many models."""
 
 from __future__ import annotations
 
@@ -8,22 +8,18 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from dlolib.diagnose.noise import Whitener
-from dlolib.diagnose.nuisances import begins_unseen
-from dlolib.errors import SimulationError
+from dlolib.diagnose.nuisances import FARTHEST, begins_unseen, bounded
 from dlolib.identify import particles_for
 from dlolib.identify.parameters import ACTS_M, LOGARITHM_SCALE, Unknown
 from dlolib.identify.problem import axes
 from dlolib.sim.effects import EFFECTS, parameter
 from dlolib.sim.effects.base import Hint, forms
-from dlolib.sim.poses import Model, model_of
+from dlolib.sim.poses import Model, model_of, near
 from dlolib.sim.rod import STIFFNESSES, Rod
 from dlolib.types import Floats, Recording
 
-# What a trial that cannot be simulated counts as, in deviations a point.
-UNSOLVED = 1e3
 # A dynamic roll-out of a quasi-static recording takes no more steps than this.
 MOST_STEPS = 1000
 # Softest and stiffest rope over its density: a hair, and a rod of steel as thick as an arm.
@@ -90,15 +86,6 @@ class Seen:
         return np.asarray(self.recording.points.xyz_m[:, axes(self.model)])
 
 
-def values_of(point: Point, k: int) -> dict[str, float]:
-    """By name, for recording k: what it has for itself comes on top of what all share."""
-    found: dict[str, float] = {}
-    for unknown, value in point.items():
-        if unknown.recording in (None, k):
-            found[unknown.name] = found.get(unknown.name, 0.0) + value
-    return found
-
-
 @dataclass(frozen=True)
 class Study:
     """Recordings of one object with their noise: what every model is fitted to.
@@ -146,6 +133,9 @@ class Study:
                 STIFFNESSES_M4_S2[1] * density
             )
         low, high = unknown.bounds
+        expected = {**self.nuisances, **self.histories}.get(unknown)
+        if expected is not None and bounded(unknown.name):
+            return -FARTHEST * expected, FARTHEST * expected
         known = parameter(unknown.name)
         rope, (begin, end) = self.seen[0].recording.rope, self.span_s
         if known.along == "motion":
@@ -211,111 +201,9 @@ def seen_as(recording: Recording, used: Bools, whitener: Whitener, settings: Dia
     return Seen(model_of(replace(recording, points=some), n, step_s), whitener)
 
 
-@dataclass(frozen=True)
-class Fitted:
-    """A model at its best.
-
-    effects: their names. unknowns: what was fitted, the nuisances too; theta and covariance in the fit's
-    coordinates. chi2: of the whitened residuals, with the nuisances' priors. residuals: by recording, on its
-    grid (F, columns, A). offsets_m: what a finer mesh adds to the points.
-    """
-
-    effects: tuple[str, ...]
-    unknowns: tuple[Unknown, ...]
-    theta: Floats
-    chi2: float
-    covariance: Floats
-    residuals: tuple[Floats, ...]
-    offsets_m: tuple[Floats, ...]
-    evaluations: int
-
-    @property
-    def parameters(self) -> int:
-        """How many were fitted for all recordings, nuisances left out."""
-        return sum(u.recording is None for u in self.unknowns)
-
-    @property
-    def point(self) -> dict[Unknown, float]:
-        """The value of each unknown."""
-        return _point(self.unknowns, self.theta)
-
-    def values(self, k: int) -> dict[str, float]:
-        """By name, for recording k."""
-        return values_of(self.point, k)
-
-    def bic(self, frames: int) -> float:
-        """Schwarz's criterion, with the frames as the observations."""
-        return self.chi2 + self.parameters * float(np.log(frames))
-
-
-@dataclass
-class Hypothesis:
-    """A model as least squares takes it: whitened residuals and Jacobian of its unknowns.
-
-    Both come from one simulation; that of the last coordinates asked for is kept.
-    """
-
-    study: Study
-    effects: tuple[str, ...]
-    unknowns: tuple[Unknown, ...]
-    offsets_m: tuple[Floats, ...]
-    evaluations: int = 0
-    _last: tuple[Floats, Floats, Floats] | None = field(default=None, repr=False)
-
-    def at(self, theta: Floats) -> tuple[Floats, Floats]:
-        """Residuals (R,) and Jacobian (R, N)."""
-        if self._last is None or not np.array_equal(self._last[0], theta):
-            self.evaluations += 1
-            self._last = (theta.copy(), *self._simulated(theta))
-        return self._last[1], self._last[2]
-
-    def residuals(self, theta: Floats) -> Floats:
-        """(R,); a trial that cannot be simulated is far off."""
-        try:
-            return self.at(theta)[0]
-        except SimulationError:
-            if self._last is None:
-                raise
-            return np.full_like(self._last[1], UNSOLVED)
-
-    def jacobian(self, theta: Floats) -> Floats:
-        """(R, N)."""
-        return self.at(theta)[1]
-
-    def _simulated(self, theta: Floats) -> tuple[Floats, Floats]:
-        residuals, blocks = [], []
-        point = _point(self.unknowns, theta)
-        for k, one in enumerate(self.study.seen):
-            mine = [n for n, u in enumerate(self.unknowns) if u.recording in (None, k)]
-            names = [self.unknowns[n].name for n in mine]
-            predicted = one.model.predict(self.study.rod(k, values_of(point, k)), names)
-            seen = axes(one.model)
-            left = (predicted.xyz_m + self.offsets_m[k])[:, seen] - one.observed_m
-            both = one.whitener(np.concatenate([left[:, :, None], predicted.by_parameter[:, seen]], axis=2))
-            both = both.reshape(-1, 1 + len(mine))
-            block = np.zeros((len(both), len(self.unknowns)))
-            block[:, mine] = both[:, 1:]
-            residuals.append(both[:, 0])
-            blocks.append(block)
-        chain = [
-            u.outward(float(t)) if u.logarithmic else 1.0 for u, t in zip(self.unknowns, theta, strict=True)
-        ]
-        jacobian = np.concatenate(blocks) * np.array(chain)
-        prior, by_prior = self._priors(theta)
-        return np.concatenate([*residuals, prior]), np.concatenate([jacobian, by_prior])
-
-    def _priors(self, theta: Floats) -> tuple[Floats, Floats]:
-        expected = {**self.study.nuisances, **self.study.histories}
-        held = [n for n, u in enumerate(self.unknowns) if u in expected]
-        weights = np.array([1 / expected[self.unknowns[n]] for n in held])
-        rows = np.zeros((len(held), len(theta)))
-        rows[np.arange(len(held)), held] = weights
-        return weights * theta[held], rows
-
-
 def acting_only(study: Study, ratios_m4_s2: Sequence[float]) -> Study:
     """The study without a torsional stiffness and nuisances that move no point, at the best of some EI over
-    density."""
+    density; that rod's shapes are where those of others are sought from."""
     density = study.seen[0].recording.rope.linear_density_kg_m or 1.0
 
     def off(ei: float) -> float:
@@ -339,74 +227,14 @@ def acting_only(study: Study, ratios_m4_s2: Sequence[float]) -> Study:
             Unknown(name, k): own[name] for name, move in zip(own, moves[1:], strict=True) if move > ACTS_M
         }
     stiffnesses = tuple(STIFFNESSES) if twisted else ("bending_stiffness",)
-    return replace(study, stiffnesses=stiffnesses, nuisances=acting)
-
-
-def hypothesis(study: Study, terms: Mapping[str, Sequence[str]], offsets_m: Sequence[Floats]) -> Hypothesis:
-    """The model with these effects, each with some of its parameters, over both stiffnesses."""
-    names = [*study.stiffnesses, *(f"{effect}.{part}" for effect, parts in terms.items() for part in parts)]
-    own = (*study.nuisances, *(study.histories if remembers(terms) else ()))
-    return Hypothesis(study, tuple(terms), (*map(Unknown, names), *own), tuple(offsets_m))
+    rod = study.rod(0, {"bending_stiffness": ei})
+    seen = tuple(replace(one, model=near(one.model, rod)) for one in study.seen)
+    return replace(study, seen=seen, stiffnesses=stiffnesses, nuisances=acting)
 
 
 def remembers(effects: Iterable[str]) -> bool:
     """Whether what happened before a recording shows in one of these laws."""
     return any(getattr(EFFECTS[name], "REMEMBERS", False) for name in effects)
-
-
-def _point(unknowns: Sequence[Unknown], theta: Floats) -> dict[Unknown, float]:
-    return {u: u.outward(float(t)) for u, t in zip(unknowns, theta, strict=True)}
-
-
-def fit(model: Hypothesis, start: Floats, iterations: int = 30, tolerance: float = 1e-6) -> Fitted:
-    """The least χ² near a start, within the parameters' bounds.
-
-    Raises:
-        SimulationError: the start itself cannot be simulated.
-    """
-    low, high = np.array([model.study.bounds(u) for u in model.unknowns]).T
-    found = least_squares(
-        model.residuals, np.clip(start, low, high), model.jacobian, bounds=(low, high),
-        x_scale=np.array([u.scale for u in model.unknowns]), max_nfev=iterations,
-        ftol=tolerance, xtol=tolerance, gtol=1e-12,
-    )  # fmt: skip
-    return fitted(model, found.x)
-
-
-def fitted(model: Hypothesis, theta: Floats) -> Fitted:
-    """The model as it stands at theta."""
-    residuals, jacobian = model.at(theta)
-    grids, first = [], 0
-    for one in model.study.seen:
-        shape = (*one.whitener.shape, one.observed_m.shape[1])
-        grids.append(residuals[first : first + int(np.prod(shape))].reshape(shape))
-        first += int(np.prod(shape))
-    covariance = np.asarray(np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-14, hermitian=True), dtype=float)
-    return Fitted(
-        model.effects, model.unknowns, theta, float(residuals @ residuals), covariance, tuple(grids),
-        model.offsets_m, model.evaluations,
-    )  # fmt: skip
-
-
-def promise(model: Hypothesis, theta: Floats) -> float:
-    """The χ² that a linear step from theta would reach."""
-    residuals, jacobian = model.at(theta)
-    scaled = jacobian * np.array([u.scale for u in model.unknowns])
-    step = np.linalg.lstsq(scaled, residuals, rcond=1e-8)[0]
-    return float(np.sum((residuals - scaled @ step) ** 2))
-
-
-def corrected(study: Study, point: Point) -> tuple[Floats, ...]:
-    """What the continuous rod adds to each recording's points, (P, 3) [m]: Richardson's extrapolation.
-
-    The mesh's error falls with its square, so that a mesh twice as fine shows three quarters of it.
-    """
-    offsets = []
-    for k, one in enumerate(study.seen):
-        rod = study.rod(k, values_of(point, study.number(k)))
-        finely = one.fine.predict(rod.with_particles(one.fine.particles))
-        offsets.append(4 / 3 * (finely.xyz_m - one.model.predict(rod).xyz_m))
-    return tuple(offsets)
 
 
 def library(

@@ -9,13 +9,14 @@ import numpy as np
 
 from dlolib.diagnose.ask import Asked
 from dlolib.diagnose.decide import Decision, probabilities
+from dlolib.diagnose.fitting import Fitted
 from dlolib.diagnose.heldout import Foretold
 from dlolib.diagnose.locate import Scan
 from dlolib.diagnose.nuisances import mounted_otherwise
 from dlolib.diagnose.residuals import slow_modes
 from dlolib.diagnose.say import named, summary
 from dlolib.diagnose.search import Searched
-from dlolib.diagnose.study import Fitted, Study
+from dlolib.diagnose.study import Study
 from dlolib.identify.identify import rms
 from dlolib.identify.problem import axes
 from dlolib.sim.rod import unit_of
@@ -127,9 +128,11 @@ def estimates(study: Study, model: Fitted, recording: int | None) -> dict[str, E
 
 
 def _scale(model: Fitted) -> float:
-    """Variance of the whitened residuals: more than 1 where the noise was taken for too small."""
+    """Variance of the whitened residuals, of the slow ones too: more than 1 where the noise was taken for too
+    small, or where the model is not quite right. Birge's ratio, Physical Review 40, 1932."""
     count = sum(grid.size for grid in model.residuals)
-    return max(1.0, model.chi2 / max(count - len(model.theta), 1))
+    slow = slow_modes(model.residuals, len(model.unknowns))
+    return max(1.0, model.chi2 / max(count - len(model.theta), 1), slow.energy)
 
 
 def _quality(found: Found, model: Fitted) -> Quality:

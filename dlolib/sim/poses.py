@@ -8,15 +8,15 @@ batch.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from dlolib.formats import interpolate_motion
 from dlolib.sim.effects.base import Setup
-from dlolib.sim.observe import point_weights, seen, turned, viewing_axis
-from dlolib.sim.recording import Prediction, RecordingModel, Sides, held_path, largest_step, sides_of
+from dlolib.sim.observe import point_weights, viewing_axis
+from dlolib.sim.recording import Prediction, RecordingModel, Sides, as_seen, held_path, largest_step, sides_of
 from dlolib.sim.rod import Rod, scene_of, setup
 from dlolib.sim.simulate import Case, Path, Rollout, State, Variation, sensitivities
 from dlolib.sim.start import curve_through, frames_along, settle
@@ -70,15 +70,14 @@ class PosesModel:
         """The same with derivatives by whatever tells each two set-ups from the rod's own."""
         rollout = self.roll_out(rod)
         weights, which, axis = self._weights, self._which, viewing_axis(self.recording)
-        camera = self.setup(rod).camera
         xyz = np.einsum("pn,pnk->pk", weights, rollout.x[which, 1])
-        if not sides:
-            return Prediction(seen(xyz, camera, axis), np.zeros((*xyz.shape, 0)))
-        ways = [Variation(self._case(one), self._case(other), width) for one, other, width in sides]
-        out = sensitivities(rollout, ways, np.array([1]))[0][:, 0]
-        moved = turned(np.einsum("pn,pmnk->pmk", weights, out[which]), camera)
-        looked = [(seen(xyz, a.camera, axis) - seen(xyz, b.camera, axis)) / width for a, b, width in sides]
-        return Prediction(seen(xyz, camera, axis), np.moveaxis(moved, 1, 2) + np.stack(looked, axis=2))
+
+        def moved(some: Sequence[Sides]) -> Floats:
+            ways = [Variation(self._case(one), self._case(other), width) for one, other, width in some]
+            out = sensitivities(rollout, ways, np.array([1]))[0][:, 0]
+            return np.asarray(np.einsum("pn,pmnk->pmk", weights, out[which]))
+
+        return as_seen(xyz, self.setup(rod).camera, axis, sides, moved)
 
     def _case(self, made: Setup) -> Case:
         """All frames as a batch of ropes that take one step each."""
@@ -123,3 +122,11 @@ def model_of(recording: Recording, particles: int, step_s: float | None, sweeps:
     if settled and sweeps is None and largest_step(motion) > 1.0:
         return PosesModel(recording, particles)
     return RecordingModel(recording, particles, step_s, sweeps)
+
+
+def near(model: Model, rod: Rod) -> Model:
+    """The same for rods much like this one: their first shapes are sought from its own.
+
+    Settled poses each begin where they were seen.
+    """
+    return replace(model, near=rod) if isinstance(model, RecordingModel) else model

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -14,8 +15,8 @@ from dlolib.errors import ParameterError, SimulationError
 from dlolib.formats import interpolate_motion
 from dlolib.sim import iterative
 from dlolib.sim.effects import parameter
-from dlolib.sim.effects.base import Setup
-from dlolib.sim.observe import point_weights, seen, turned, viewing_axis
+from dlolib.sim.effects.base import Camera, Setup
+from dlolib.sim.observe import Sampling, point_weights, sampling_of, seen, turned, viewing_axis
 from dlolib.sim.rod import STIFFNESSES, Rod, scene_of, setup
 from dlolib.sim.simulate import (
     Case,
@@ -36,6 +37,9 @@ from dlolib.types import Floats, Motion, Pose, Recording
 # branch where several equilibria exist; a rope that remembers its way takes shorter ones.
 LARGEST_MOVE_M, LARGEST_TURN_RAD = 0.01, 0.1
 REMEMBERED = 0.4
+# Frames so close to each other in way, in units of that step, and in time, as a share of the recording, are
+# not each solved for: between them the rope goes in a straight line but for some 0.01 % of its length.
+CLOSE, BRIEF = 0.25, 0.01
 # A difference for a derivative is no smaller a share of the value than this.
 LEAST_DIFFERENCE = 1e-9
 # A step of the dynamic clock follows an end by this share of the rope's length and by this turn.
@@ -64,16 +68,15 @@ class RecordingModel:
         step_s: time step of the dynamic clock; a quasi-static recording needs none.
         sweeps: None for the direct solver; the paper's iterative one with so many iterations a step, which
             knows no quasi-static clock and has no forward sensitivities.
+        near: a rod much like those that are simulated, if one is known: from its shape at the first pose
+            theirs are sought.
     """
 
     recording: Recording
     particles: int
     step_s: float | None
     sweeps: int | None = None
-
-    @cached_property
-    def _weights(self) -> Floats:
-        return point_weights(self.recording.points, self.recording.rope.length_m, self.particles)
+    near: Rod | None = None
 
     def setup(self, rod: Rod) -> Setup:
         """The rod in the recording's surroundings."""
@@ -92,20 +95,24 @@ class RecordingModel:
 
     def times(self, made: Setup) -> Floats:
         """When the rope is solved for [s]."""
-        step_s = self.step_s if made.moving else None
-        if made.moving and step_s is None:
+        return self._sampling(made).times_s
+
+    def _sampling(self, made: Setup) -> Sampling:
+        """When the rope is solved for, and how the points lie among that."""
+        if made.moving and self.step_s is None:
             raise ParameterError("a dynamic recording needs a time step", mend="give rod.time_step_s")
-        return self._times[made.path_dependent, step_s]
+        key = made.path_dependent, made.moving
+        return self._samplings.get(key, lambda: self._sampled(*key))
 
     @cached_property
-    def _times(self) -> dict[tuple[bool, float | None], Floats]:
-        """The steps' times by whether the rope remembers its way, and by the clock."""
-        clocks = (None,) if self.step_s is None else (None, self.step_s)
-        return {
-            (remembers, step_s): _step_times(self.recording, step_s, REMEMBERED if remembers else 1.0)
-            for remembers in (False, True)
-            for step_s in clocks
-        }
+    def _samplings(self) -> Kept:
+        return Kept()
+
+    def _sampled(self, remembers: bool, moving: bool) -> Sampling:
+        points, length = self.recording.points, self.recording.rope.length_m
+        step_s = self.step_s if moving else None
+        times = _step_times(self.recording, step_s, REMEMBERED if remembers else 1.0)
+        return sampling_of(points.t_s, times, point_weights(points, length, self.particles))
 
     @cached_property
     def _hastiest(self) -> tuple[float, float, float, float]:
@@ -138,7 +145,18 @@ class RecordingModel:
         if not self._held:
             nowhere = Path(path.x[:, :0], path.q[:, :0])
             return roll_out(scene_of([made]), self._released(made), nowhere, self._clock(made))
+        if self._shape_near is not None:
+            with contextlib.suppress(SimulationError):
+                return roll_out(scene_of([made]), self._shape_near, path.still(1), Clock(None, fresh=True))
         return settle(scene_of([made]), self._first_shape(path), path)
+
+    @cached_property
+    def _shape_near(self) -> State | None:
+        """The equilibrium of a rod much like those that are simulated, at the first pose."""
+        if self.near is None or not self._held:
+            return None
+        alone = replace(self, near=None)
+        return alone.at_rest(self.near.with_particles(self.particles)).final.at_rest()
 
     def _first_shape(self, path: Path) -> State:
         """Where the search for the equilibrium at the first pose begins."""
@@ -197,28 +215,15 @@ class RecordingModel:
         made = self.setup(rod)
         rest = self._at_rest(made)
         rollout = self._moved(made, rest)
-        times = self.times(made)
-        before, after, share = _brackets(self.recording.points.t_s, times)
-        axis = viewing_axis(self.recording)
+        sampling, axis = self._sampling(made), viewing_axis(self.recording)
+        xyz = sampling(rollout.x[0, 1 + sampling.steps][:, None])[:, 0]
 
-        def at_points(field: Floats, first: Floats, second: Floats) -> Floats:
-            mixed = (1 - share)[:, None, None] * field[first] + share[:, None, None] * field[second]
-            return np.asarray(np.einsum("pn,pnk->pk", self._weights, mixed))
+        def moved(some: Sequence[Sides]) -> Floats:
+            tangent = self._tangent(rest, some, sampling.times_s)
+            ways = [self._variation(*side, sampling.times_s) for side in some]
+            return sampling(sensitivities(rollout, ways, sampling.steps + 1, tangent.at_rest())[0][0])
 
-        xyz = at_points(rollout.x[0, 1:], before, after)
-        if not sides:
-            return Prediction(seen(xyz, made.camera, axis), np.zeros((*xyz.shape, 0)))
-        steps = np.unique(np.concatenate([before, after]))
-        slot = np.searchsorted(steps, np.arange(len(times)))
-        tangent = self._tangent(rest, sides, times)
-        ways = [self._variation(*side, times) for side in sides]
-        out, _ = sensitivities(rollout, ways, steps + 1, tangent.at_rest())
-        columns = []
-        for k, (ahead, behind, width) in enumerate(sides):
-            moved = turned(at_points(out[0, :, k], slot[before], slot[after]), made.camera)
-            looked = seen(xyz, ahead.camera, axis) - seen(xyz, behind.camera, axis)
-            columns.append(moved + looked / width)
-        return Prediction(seen(xyz, made.camera, axis), np.stack(columns, axis=2))
+        return as_seen(xyz, made.camera, axis, sides, moved)
 
     def _tangent(self, rest: Rollout, sides: Sequence[tuple[Setup, Setup, float]], times: Floats) -> Tangent:
         """Derivatives of the first state by the parameters."""
@@ -251,6 +256,27 @@ class Kept:
                 self._results.pop(next(iter(self._results)))
             self._results[key] = made()
         return self._results[key]  # type: ignore[no-any-return]
+
+
+def as_seen(
+    xyz_m: Floats,
+    camera: Camera,
+    axis: Floats,
+    sides: Sequence[Sides],
+    moved: Callable[[Sequence[Sides]], Floats],
+) -> Prediction:
+    """True points (P, 3) [m] as the camera shows them, and their derivatives by what tells each two sides.
+
+    `moved` gives the true points' derivatives (P, C, 3) by those that move the rope; what moves the camera
+    alone needs no simulation.
+    """
+    moving = [k for k, (one, other, _) in enumerate(sides) if not one.moves_as(other)]
+    by = np.zeros((*xyz_m.shape, len(sides)))
+    if moving:
+        by[:, :, moving] = np.moveaxis(turned(moved([sides[k] for k in moving]), camera), 1, 2)
+    for k, (one, other, width) in enumerate(sides):
+        by[:, :, k] += (seen(xyz_m, one.camera, axis) - seen(xyz_m, other.camera, axis)) / width
+    return Prediction(seen(xyz_m, camera, axis), by)
 
 
 class Settable(Protocol):
@@ -298,16 +324,32 @@ def _step_times(recording: Recording, step_s: float | None, share: float) -> Flo
         begin = frames[0] + step_s if released else rows[0]
         last = max(frames[-1], begin + step_s)
         return np.asarray(begin + step_s * np.arange(np.ceil((last - begin) / step_s - 1e-9) + 1))
-    return _evenly(np.unique(np.concatenate([rows[:1], frames])), recording.motion, share)
+    frames = np.unique(np.concatenate([rows[:1], frames]))
+    fine = np.unique(np.concatenate([frames, rows[rows <= frames[-1]]]))
+    gone = np.concatenate([[0.0], np.cumsum(_ways(interpolate_motion(recording.motion, fine)))])
+    return _evenly(_marks(frames, np.interp(frames, fine, gone)), fine, gone, share)
 
 
-def _evenly(marks: Floats, motion: Motion, share: float) -> Floats:
-    """Times from mark to mark, each way in as many equal parts as the largest step asks for.
+def _marks(frames: Floats, gone: Floats) -> Floats:
+    """Frames at which to solve for the rope, the last one too; at others, close between two of these, it is
+    where it goes past in a straight line.
+
+    gone: the ends' way to each frame, in units of the largest step.
+    """
+    brief_s = BRIEF * (frames[-1] - frames[0])
+    kept = [0]
+    for k in range(1, len(frames) - 1):
+        if gone[k + 1] - gone[kept[-1]] > CLOSE or frames[k + 1] - frames[kept[-1]] > brief_s:
+            kept.append(k)
+    return frames[[*kept, len(frames) - 1]] if len(frames) > 1 else frames
+
+
+def _evenly(marks: Floats, fine: Floats, gone: Floats, share: float) -> Floats:
+    """Times from mark to mark, each way in as many equal parts as the largest step asks for; `gone` is the
+    ends' way at the times `fine`.
 
     Equal steps are what the solver foretells best: its first guess goes on as the last steps went.
     """
-    fine = np.unique(np.concatenate([marks, motion.t_s[motion.t_s <= marks[-1]]]))
-    gone = np.concatenate([[0.0], np.cumsum(_ways(interpolate_motion(motion, fine)))])
     at = np.interp(marks, fine, gone)
     times = [marks[:1]]
     for first, last, begin, end in zip(marks, marks[1:], at, at[1:], strict=False):
@@ -331,15 +373,6 @@ def _ways(poses: Motion) -> Floats:
 def largest_step(motion: Motion) -> float:
     """The largest way between two rows of the motion, in units of the largest quasi-static step."""
     return float(_ways(motion).max(initial=0.0))
-
-
-def _brackets(at: Floats, times: Floats) -> tuple[np.ndarray, np.ndarray, Floats]:
-    """For each time the steps before and after it and the share of the second."""
-    after = np.clip(np.searchsorted(times, at - 1e-9), 0, len(times) - 1)
-    before = np.where(times[after] <= at + 1e-9, after, np.maximum(after - 1, 0))
-    span = times[after] - times[before]
-    share = np.where(span > 0, (at - times[before]) / np.where(span > 0, span, 1.0), 0.0)
-    return before, after, np.clip(share, 0.0, 1.0)
 
 
 def simulated(

@@ -1,6 +1,8 @@
 """The one place that starts Taichi. Import `ti` from here, never from taichi itself."""
 
 import contextlib
+import ctypes
+import functools
 import io
 import os
 
@@ -8,6 +10,7 @@ os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")  # before the import: i
 os.environ.setdefault("TI_ENABLE_PYBUF", "0")  # or it complains of a standard output that is not a file
 
 import taichi as ti
+from taichi.lang import kernel_impl
 from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
 
 # Double precision, and no fast maths: an error of the compiler must not be taken for physics, and two
@@ -24,6 +27,13 @@ with contextlib.redirect_stdout(io.StringIO()):  # it announces itself where a c
         log_level=ti.WARN,
     )
 
+# A roll-out's arrays are some MB each. The C library would hand them back to the system after every call and
+# ask for them again at the next, page by page: an eighth of the time of a fit.
+MMAP_THRESHOLD, TRIM_THRESHOLD = -3, -1
+with contextlib.suppress(AttributeError, OSError, TypeError):  # where the C library is another
+    ctypes.CDLL(None).mallopt(MMAP_THRESHOLD, 2**25)
+    ctypes.CDLL(None).mallopt(TRIM_THRESHOLD, 2**28)
+
 
 def _place(context, node):
     """Where a node of a kernel stands, for messages: the file and line, without a drawing of the source."""
@@ -33,6 +43,9 @@ def _place(context, node):
 
 # Half of every start went into wrapping source lines for messages of errors that are not there.
 ASTTransformerContext.get_pos_info = _place
+# And a third of the rest into reading the same functions' source wherever they are called.
+kernel_impl.getsourcelines = functools.cache(kernel_impl.getsourcelines)
+kernel_impl.getsourcefile = functools.cache(kernel_impl.getsourcefile)
 
 vec2 = ti.types.vector(2, ti.f64)
 vec3 = ti.types.vector(3, ti.f64)

@@ -12,7 +12,7 @@ from sim.ropes import EI, GJ, GRAVITY, LEVEL, ROPE
 from dlolib.cli import run
 from dlolib.diagnose import DiagnoseSettings, Diagnosis, diagnose, write_diagnosis
 from dlolib.diagnose.detect import gain_needed
-from dlolib.diagnose.study import fit, hypothesis
+from dlolib.diagnose.fitting import fit, hypothesis
 from dlolib.errors import ParameterError
 from dlolib.formats import read_fit, read_recording, read_verdict, write_recording
 from dlolib.sim.effects import EFFECTS
