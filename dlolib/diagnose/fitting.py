@@ -71,6 +71,12 @@ class Hypothesis:
     evaluations: int = 0
     _last: tuple[Floats, Floats, Floats] | None = field(default=None, repr=False)
 
+    @property
+    def bounds(self) -> tuple[Floats, Floats]:
+        """Lowest and highest coordinates (N,) each."""
+        low, high = np.array([self.study.bounds(u) for u in self.unknowns]).T
+        return low, high
+
     def at(self, theta: Floats) -> tuple[Floats, Floats]:
         """Residuals (R,) and Jacobian (R, N)."""
         if self._last is None or not np.array_equal(self._last[0], theta):
@@ -148,7 +154,7 @@ def fit(model: Hypothesis, start: Floats, iterations: int = 30, tolerance: float
     Raises:
         SimulationError: the start itself cannot be simulated.
     """
-    low, high = np.array([model.study.bounds(u) for u in model.unknowns]).T
+    low, high = model.bounds
     found = least_squares(
         model.residuals, np.clip(start, low, high), model.jacobian, bounds=(low, high),
         x_scale=np.array([u.scale for u in model.unknowns]), max_nfev=iterations,
@@ -189,7 +195,8 @@ def awake(model: Hypothesis, theta: Floats) -> Floats | None:
     scales = np.array([u.scale for u in model.unknowns])
     shared = np.array([u.recording is None and not u.stiffness for u in model.unknowns])
     silent = shared & (np.abs(jacobian * scales).max(axis=0) < SILENT)
-    return np.where(silent, theta + NUDGE * scales, theta) if silent.any() else None
+    low, high = model.bounds
+    return np.clip(np.where(silent, theta + NUDGE * scales, theta), low, high) if silent.any() else None
 
 
 def corrected(study: Study, point: Point) -> tuple[Floats, ...]:

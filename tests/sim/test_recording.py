@@ -83,3 +83,39 @@ def test_settled_poses_are_solved_one_by_one() -> None:
     each, one = model.predict(rod, ["bending_stiffness"]), whole.predict(rod, ["bending_stiffness"])
     assert np.abs(each.xyz_m - one.xyz_m).max() < 1e-8
     assert np.abs(each.by_parameter - one.by_parameter).max() < 1e-6 * np.abs(one.by_parameter).max()
+
+
+def test_frames_close_to_each_other_are_interpolated() -> None:
+    made = recording()
+    t_s = np.linspace(0.5, 6.0, 800)
+    frame = np.arange(800)
+    s = np.full(800, 0.2)
+    dense = replace(made, points=Points(frame, t_s, s, np.zeros((800, 3))))
+    rod, model = Rod(ROPE, EI, GJ), RecordingModel(dense, 30, None)
+    assert len(model.times(model.setup(rod))) < 150
+    found = model.predict(rod).xyz_m
+    for k in (150, 400, 622):
+        # up to this frame alone it is the last one, which is solved for
+        alone = Points(frame[k : k + 1], t_s[k : k + 1], s[:1], np.zeros((1, 3)))
+        exact = RecordingModel(replace(made, points=alone), 30, None).predict(rod).xyz_m[0]
+        assert np.abs(found[k] - exact).max() < 2e-4 * ROPE.length_m
+
+
+def test_a_like_rod_s_first_shape_leads_to_the_same_equilibrium() -> None:
+    made = recording()
+    rod = Rod(ROPE, EI, GJ)
+    plain, near = (RecordingModel(made, 30, None, near=one) for one in (None, Rod(ROPE, 0.5 * EI, GJ)))
+    assert np.abs(plain.predict(rod).xyz_m - near.predict(rod).xyz_m).max() < 1e-9
+
+
+def test_what_moves_the_camera_alone_is_differentiated_without_the_rope() -> None:
+    made = recording()
+    names = ["camera_pose.rotation_2", "bending_stiffness", "camera_pose.shift_1"]
+    values = {"bending_stiffness": EI, "torsional_stiffness": GJ, "camera_pose.rotation_2": 0.1}
+    model = RecordingModel(made, 30, None)
+    by = model.predict(Rod.of(ROPE, values, 30), names).by_parameter
+    for k, (name, step) in enumerate(zip(names, (1e-5, 1e-4 * EI, 1e-5), strict=True)):
+        sides = [{**values, name: values.get(name, 0.0) + side} for side in (step, -step)]
+        ahead, behind = (model.predict(Rod.of(ROPE, side, 30)).xyz_m for side in sides)
+        expected = (ahead - behind) / (2 * step)
+        assert np.abs(by[:, :, k] - expected).max() < 1e-5 * np.abs(expected).max()

@@ -1,0 +1,46 @@
+"""One model and its fit: starts that can move, and nuisances that stay near."""
+
+from dataclasses import replace
+
+import numpy as np
+from diagnose.test_diagnose import QUICK, made
+
+from dlolib.diagnose.diagnose import _raw
+from dlolib.diagnose.fitting import awake, hypothesis
+from dlolib.diagnose.study import Study
+from dlolib.identify.parameters import Unknown
+from dlolib.types import Recording
+
+FORM = {"end_angle": ("start_1", "start_2")}
+
+
+def flat() -> Recording:
+    """The rope in a plane, seen in it: where it lies across nobody knows."""
+    whole = made({})
+    motion = replace(whole.motion, end_m=whole.motion.end_m * [1, 0, 1])
+    return replace(whole, motion=motion, planar="xz")
+
+
+def woken(study: Study) -> dict[str, float]:
+    model = hypothesis(study, FORM, [np.zeros_like(one.recording.points.xyz_m) for one in study.seen])
+    theta = np.array([u.inward(3e-4) if u.stiffness else 0.0 for u in model.unknowns])
+    start = awake(model, theta)
+    if start is None:
+        return {}
+    return {u.name: new for u, old, new in zip(model.unknowns, theta, start, strict=True) if new != old}
+
+
+def test_what_bends_the_rope_out_of_its_plane_is_woken() -> None:
+    moved = woken(_raw([flat()], QUICK))
+    assert len(moved) == 1 and abs(next(iter(moved.values()))) == 0.1
+    assert not woken(_raw([made({})], QUICK))
+
+
+def test_a_nuisance_stays_within_its_deviations() -> None:
+    recording = made({})
+    study = _raw([recording, replace(recording, name="again")], QUICK)
+    for unknown, deviation in study.nuisances.items():
+        low, high = study.bounds(unknown)
+        wide = unknown.name.startswith(("end_angle", "end_twist"))
+        assert (high > 5 * deviation) if wide else (-low == high == 3 * deviation)
+    assert Unknown("camera_pose.rotation_1", 1) in study.nuisances
