@@ -53,24 +53,32 @@ def _number(part: str, value: Estimate) -> str:
 
 
 def summary(
-    decision: Decision, effects: Sequence[Named], where: Sequence[Place], base: Quality, best: Quality
+    decision: Decision,
+    effects: Sequence[Named],
+    where: Sequence[Place],
+    base: Quality,
+    best: Quality,
+    asked: str | None,
 ) -> str:
-    """One or two sentences: what is missing, and what that changes."""
+    """A few sentences: what is missing, where it shows, what that changes; `asked` tells a tie apart."""
     before, after = 1e3 * base.rmse_m, 1e3 * best.rmse_m
     if decision.status == "no_mismatch":
         seen = f"An elastic rod explains what was seen ({before:.1f} mm RMS)"
         return f"{seen}: nothing is missing that could show."
+    place = f" It shows most {_place(where[0])}." if where else ""
     if decision.status == "unexplained":
-        place = f" It is largest {_place(where[0])}." if where else ""
-        return f"Something is missing that no effect of the library explains ({before:.1f} mm RMS).{place}"
+        near = " with ".join(decision.winner.effects)
+        nearest = f" Nearest comes {near}, which leaves {after:.1f} mm." if near else ""
+        what = "Something is missing that no effect of the library explains"
+        return f"{what} ({before:.1f} mm RMS).{place}{nearest}"
     told = "; ".join(one.says for one in effects)
-    first = (
-        f"What an elastic rod leaves out: {told}. The distance falls from {before:.1f} to {after:.1f} mm RMS."
-    )
+    fall = f"The distance falls from {before:.1f} to {after:.1f} mm RMS."
+    first = f"What an elastic rod leaves out: {told}.{place} {fall}"
     if decision.status == "explained":
         return first
     others = " or ".join(" with ".join(one.effects) for one in decision.tie[1:])
-    return f"{first} It cannot be told from {others}."
+    mend = f"; to tell them apart, {asked}" if asked else ""
+    return f"{first} It cannot be told from {others}{mend}."
 
 
 def _place(place: Place) -> str:

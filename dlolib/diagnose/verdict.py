@@ -66,9 +66,10 @@ def verdict_of(found: Found) -> Verdict:
     mismatch = decision.status != "no_mismatch"
     where = sorted((p for s in found.scans for p in s.places), key=lambda p: -p.strength) if mismatch else []
     recordings = tuple(one.recording.name for one in study.seen)
-    mounted = mounted_otherwise(decision.winner.point, recordings)
+    asked = None if found.asked is None else found.asked.says
+    words = summary(decision, effects, where, base, best, asked)
     return Verdict(
-        summary=" ".join([summary(decision, effects, where, base, best), *mounted]),
+        summary=" ".join([words, *mounted_otherwise(decision.winner.point, recordings)]),
         recordings=recordings,
         status=decision.status,
         noise=SeenNoise(noise.sigma_m, noise.correlation_points, noise.correlation_frames, source),

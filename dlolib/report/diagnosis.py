@@ -80,7 +80,7 @@ def rope_figure(shapes: pd.DataFrame, recording: str) -> Canvas:
         axes.set_aspect("equal", adjustable="datalim")
         thousandths(axes)
     views[0].plot([], [], color=ELASTIC, linewidth=0.8, label="elastic rod")
-    views[0].plot([], [], color=OBSERVED, linewidth=0.8, linestyle="--", label="winning model")
+    views[0].plot([], [], color=OBSERVED, linewidth=0.8, linestyle="--", label="best model")
     legend_above(views[0])
     figure.colorbar(drawn, ax=views, label="observed, off the elastic rod [deviations of the noise]")
     return figure
@@ -141,7 +141,7 @@ def bends(moments: pd.DataFrame) -> bool:
 
 
 def moments_figure(moments: pd.DataFrame) -> Canvas:
-    """Moment against curvature where the winning model bends most, in the order of time."""
+    """Moment against curvature where the best model bends most, in the order of time."""
     figure = canvas(58)
     axes: Axes = figure.subplots()
     axes.plot(moments["curvature_1_m"], 1e3 * moments["moment_n_m"], color=PLASTIC, linewidth=1.2)

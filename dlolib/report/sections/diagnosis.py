@@ -37,11 +37,12 @@ def section(results: Results, figures: Path) -> Section:
 
 def _words() -> str:
     return (
-        "Every effect of the library is fitted to each recording, alone and in pairs, against a rod "
-        "that is but "
-        "elastic. A model is named where its BIC beats all others by more than the tie margin and the"
-        " slow modes of "
-        "what it leaves are noise; held-out motion was set aside before anything was fitted."
+        "Every effect of the library is fitted to each recording, alone and, where more may be missing, in "
+        "pairs, against a rod that is but elastic. An effect counts where it gains more than chance would "
+        "over every model without it, and a hundredth of what an ideal law beside it explains. The model of "
+        "least BIC is named where the slow modes of what it leaves are noise, or little of what it "
+        "explains; models within the tie margin are as good. Held-out motion was set aside before anything "
+        "was fitted."
     )
 
 
@@ -80,7 +81,7 @@ def _rope(name: str, shapes: pd.DataFrame, verdict: Verdict, figures: Path) -> F
         save(rope_figure(shapes, verdict.recordings[0]), figures, f"diagnosis_rope_{name}"),
         f"{title(name)}: some frames of the rope, coloured by how far the observed points are off the "
         f"best elastic "
-        "rod, in deviations of the noise. Dark is where it is wrong; the dashed line is the winning model.",
+        "rod, in deviations of the noise. Dark is where it is wrong; the dashed line is the best model.",
         f"Where the elastic rod and {title(name)} disagree",
     )
 
@@ -108,7 +109,7 @@ def _models(name: str, verdict: Verdict, figures: Path) -> Figure:
 def _moments(name: str, moments: pd.DataFrame, figures: Path) -> Figure:
     return Figure(
         save(moments_figure(moments), figures, f"diagnosis_moments_{name}"),
-        f"{title(name)}: moment against curvature where the winning model bends most, from the fitted "
+        f"{title(name)}: moment against curvature where the best model bends most, from the fitted "
         f"model; the dot "
         "is the first frame. A straight line is an elastic rope, a loop is one that loses energy.",
         f"Moment against curvature of the model of {title(name)}",
@@ -117,7 +118,8 @@ def _moments(name: str, moments: pd.DataFrame, figures: Path) -> Figure:
 
 def _parameters(name: str, verdict: Verdict) -> Table:
     rows = []
-    for words, quality in (("elastic rod", verdict.baseline), ("winning model", verdict.augmented)):
+    best = "nearest model" if verdict.status == "unexplained" else "winning model"
+    for words, quality in (("elastic rod", verdict.baseline), (best, verdict.augmented)):
         rows += _rows(words, quality)
         if verdict.status == "no_mismatch":
             break
