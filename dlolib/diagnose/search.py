@@ -129,8 +129,8 @@ def _grown(
     of the best one so found, until nothing changes.
 
     Where much is missing a linear step from the best model foretells little, and what is found may not
-    explain what is seen: then the same from the next best models. Three effects are sought forward alone, from the
-    best pair.
+    explain what is seen: then the same from the next best models. Three effects are sought forward alone,
+    from the best pair.
     """
     beginnings, rounds = (BEGINNINGS, ROUNDS) if size == 2 else (1, 1)
     ranked = [one.effects for one in _ordered(study, models.values()) if len(one.effects) == size - 1]
