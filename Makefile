@@ -37,6 +37,11 @@ lint: .venv/installed ## ruff, mypy strict on dlolib, import layers
 compare: .venv/installed ## hold this tree's metrics against the committed ones, each within its tolerance
 	@python -m stages.compare
 
+.PHONY: calibrate
+calibrate: .venv/installed ## camera and obstacles from boards and markers in DATA=DIR, into CAPTURE=DIR where given
+	@[ -n "$(DATA)" ] || { echo "make calibrate: DATA is not set; say where the frames lie: make calibrate DATA=DIR" >&2; exit 2; }
+	@python -m stages.calibrate "$(DATA)" $(if $(CAPTURE),"$(CAPTURE)")
+
 .PHONY: cables
 cables: .venv/installed ## identify the four real cables in DATA=DIR and write reports/cables.json
 	@[ -n "$(DATA)" ] || { echo "make cables: DATA is not set; say where the recordings lie: make cables DATA=DIR" >&2; exit 2; }

@@ -1,0 +1,17 @@
+"""Calibration: where the camera stands against the robot, what stands around, whether the clocks agree."""
+
+from dlolib.calibrate.hand_eye import HandEye, calibrate_hand_eye
+from dlolib.calibrate.picture import draw_hand_eye, draw_obstacles
+from dlolib.calibrate.standing import FoundObstacle, find_obstacles
+from dlolib.calibrate.write import put_into_capture, write_calibration
+
+__all__ = [
+    "FoundObstacle",
+    "HandEye",
+    "calibrate_hand_eye",
+    "draw_hand_eye",
+    "draw_obstacles",
+    "find_obstacles",
+    "put_into_capture",
+    "write_calibration",
+]
