@@ -68,6 +68,11 @@ COUNT ?= 10000
 robustness: .venv/installed ## COUNT=10000 random roll-outs of the rod: reports/robustness.json (half an hour)
 	@python -m stages.robustness "$(COUNT)"
 
+.PHONY: damaged
+damaged: COUNT = 500
+damaged: .venv/installed ## COUNT=500 damaged recordings of every source: reports/damaged.json (a minute)
+	@python -m stages.damaged "$(COUNT)"
+
 SHARDS ?= 1
 SIZE ?= 50
 .PHONY: proof

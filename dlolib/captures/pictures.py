@@ -66,7 +66,7 @@ def check_depth(image: NDArray[Any], camera: Camera, path: Path, place: str | No
             mend="save depth as 16-bit; is color named as depth?",
         )
     if not image.any():
-        mend = "remove the frame from frames.csv" if place is None else "record it again"
+        mend = "take the frame out, or record it again"
         raise FormatError("depth is zero everywhere", file=path, place=place, mend=mend)
     assert camera.depth_scale is not None
     typical = float(np.median(image[image > 0])) / camera.depth_scale
@@ -132,7 +132,7 @@ def _check_size(image: NDArray[Any], camera: Camera, path: Path, place: str | No
             f"is {image.shape[1]} x {image.shape[0]} pixels, the camera {camera.width} x {camera.height}",
             file=path,
             place=place,
-            mend="correct camera.width and height in capture.json, or the image",
+            mend="correct the camera's width and height, or the image",
         )
 
 

@@ -1,0 +1,248 @@
+"""Every kind of recording, a pristine one of each, and what may befall it."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from captures import foreign_samples as foreign
+from captures.foreign_samples import Frames, Ros
+from captures.harm import (
+    Damage,
+    Rng,
+    bag_metadata,
+    dark,
+    exchanged,
+    flipped,
+    linked_outside,
+    no_such_topic,
+    removed,
+    resized,
+    rewritten,
+    swapped_lines,
+    truncated,
+    without_key,
+)
+from chain.tubes import Scene, wave, write_capture
+
+from dlolib.o3d import open3d
+
+FREE = {"start": "free", "end": "free"}
+
+
+@dataclass(frozen=True)
+class Kind:
+    """How a recording is written into a folder, what in it is the source, what may befall it."""
+
+    source: str
+    write: Callable[[Path], object]
+    damages: tuple[Damage, ...]
+    commands: tuple[str, ...] = ("ingest",)
+
+
+def _own(place: Path) -> None:
+    write_capture(place / "source", [wave(0.5), wave(0.6), wave(0.7)], Scene())
+
+
+def _about(place: Path, **changes: Any) -> None:
+    foreign.given(place / "object.json", ends=FREE, **changes)
+
+
+def _tum(place: Path) -> None:
+    _about(place, camera=foreign.camera_of())
+    foreign.tum(place / "source", foreign.frames())
+
+
+def _redwood(place: Path) -> None:
+    _about(place)
+    foreign.redwood(place / "source", foreign.frames())
+
+
+def _bag(kind: str) -> Callable[[Path], None]:
+    def write(place: Path) -> None:
+        _about(place)
+        foreign.bag(place / KINDS[kind].source, foreign.frames(), Ros(kind))
+
+    return write
+
+
+def _kinect(place: Path) -> None:
+    _about(place)
+    shot = foreign.frames(2, foreign.KINECT_WIDTH, foreign.KINECT_HEIGHT)
+    foreign.kinect(place / "source.mkv", shot, foreign.calibration())
+
+
+def _clouds(place: Path) -> None:
+    _about(place, rate_hz=4.0)
+    (place / "source").mkdir()
+    for row in range(3):
+        points = np.random.default_rng(row).uniform(0.4, 0.5, (200, 3))
+        cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
+        ascii_ply = bool(row % 2)
+        open3d.io.write_point_cloud(str(place / f"source/{row:06d}.ply"), cloud, write_ascii=ascii_ply)
+
+
+def written_bag(kind: str) -> Damage:
+    def damage(place: Path, rng: Rng) -> str:
+        shot = foreign.frames()
+        row = int(rng.integers(len(shot.ns)))
+        dark_depth = shot.depth.copy()
+        dark_depth[row] = 0
+        cases: list[tuple[str, Ros, Frames]] = [
+            ("no CameraInfo", Ros(kind, info=False), shot),
+            ("two topics of depth", Ros(kind, second_depth=True), shot),
+            ("color is mono8", Ros(kind, color="mono8"), shot),
+            ("times go back", Ros(kind, backwards=True), shot),
+            ("time stands still", Ros(kind), replace(shot, ns=[shot.ns[0]] * 2 + shot.ns[2:])),
+            (f"depth of frame {row} is zero", Ros(kind), replace(shot, depth=dark_depth)),
+            ("depth is half the size", Ros(kind), replace(shot, depth=shot.depth[:, ::2, ::2])),
+            ("depth has another viewpoint", Ros(kind, depth_frame="infrared"), shot),
+            ("a lens that is not known", Ros(kind, distortion=(0.1,) * 3), shot),
+        ]
+        said, how, spoilt = cases[int(rng.integers(len(cases)))]
+        source = place / KINDS[kind].source
+        if source.is_dir():
+            shutil.rmtree(source)
+        else:
+            source.unlink()
+        foreign.bag(source, spoilt, how)
+        return said
+
+    return damage
+
+
+def written_kinect(place: Path, rng: Rng) -> str:
+    shot = foreign.frames(2, foreign.KINECT_WIDTH, foreign.KINECT_HEIGHT)
+    attached: dict[str, Any] | None = foreign.calibration()
+    tracks, which = "DEPTH", int(rng.integers(5))
+    if which == 0:
+        said, attached = "no calibration", None
+    elif which == 1:
+        name = ("Intrinsics", "Rt", "Location", "SensorWidth")[int(rng.integers(4))]
+        del attached["CalibrationInformation"]["Cameras"][0][name]
+        said = f"the calibration lacks {name}"
+    elif which == 2:
+        said, tracks = "no track DEPTH", "INFRARED"
+    elif which == 3:
+        said, shot = (
+            "depth of frame 0 is zero",
+            replace(shot, depth=np.stack([0 * shot.depth[0], shot.depth[1]])),
+        )
+    else:
+        said, shot = "time stands still", replace(shot, ns=[shot.ns[0]] * 2)
+    (place / "source.mkv").unlink()
+    foreign.kinect(place / "source.mkv", shot, attached, tracks)
+    return said
+
+
+PICTURES = ("source/color/*", "source/depth/*")
+RGB = ("source/rgb/*", "source/depth/*")
+OPTICS = tuple(
+    f"camera.{name}" for name in ("width", "height", "fx", "fy", "depth_scale", "world_from_camera")
+)
+# of TUM the units of depth are known
+GIVEN_OPTICS = tuple(name for name in OPTICS if name != "camera.depth_scale")
+SCENE = ("object", "object.length_m", "gravity_m_s2", "ends", "ends.start", "format")
+# a motion may begin before the frames, as early as it likes
+LATER = ["1e99", "nan", "soon", ""]
+TIMES = ["-1", "0", "0.0", "1e99", "nan", "soon", ""]
+OUTSIDE = [
+    "../secret.png",
+    "../../secret.png",
+    "PLACE/secret.png",
+    "/etc/hostname",
+    "color/../../../secret.png",
+    "",
+]
+ABOUT = (truncated("object.json"), without_key("object.json", *SCENE))
+IN_BAG = (no_such_topic, no_such_topic, *ABOUT)
+
+KINDS: dict[str, Kind] = {
+    "capture": Kind(
+        "source",
+        _own,
+        (
+            truncated(*PICTURES),
+            truncated("source/frames.csv"),
+            truncated("source/motion.csv"),
+            truncated("source/capture.json"),
+            removed(*PICTURES, "source/*.csv", "source/*.json"),
+            resized(*PICTURES),
+            exchanged(*PICTURES),
+            dark("source/depth/*"),
+            flipped(*PICTURES),
+            without_key("source/capture.json", "camera", *OPTICS, *SCENE),
+            swapped_lines("source/frames.csv"),
+            swapped_lines("source/motion.csv"),
+            rewritten("source/frames.csv", 1, TIMES),
+            rewritten("source/motion.csv", 0, LATER),
+            rewritten("source/frames.csv", 2, OUTSIDE),
+            rewritten("source/frames.csv", 3, OUTSIDE),
+            linked_outside(*PICTURES),
+        ),
+        ("ingest", "chain"),
+    ),
+    "tum": Kind(
+        "source",
+        _tum,
+        (
+            truncated(*RGB),
+            truncated("source/*.txt"),
+            removed(*RGB, "source/*.txt"),
+            resized(*RGB),
+            exchanged(*RGB),
+            dark("source/depth/*"),
+            flipped(*RGB),
+            swapped_lines("source/*.txt"),
+            rewritten("source/*.txt", 0, ["-1", "nan", "soon", "1e99"], " "),
+            rewritten("source/*.txt", 1, OUTSIDE, " "),
+            without_key("object.json", *GIVEN_OPTICS),
+            linked_outside(*RGB),
+            *ABOUT,
+        ),
+    ),
+    "redwood": Kind(
+        "source",
+        _redwood,
+        (
+            truncated(*PICTURES),
+            truncated("source/camera_intrinsic.json"),
+            removed(*PICTURES, "source/camera_intrinsic.json"),
+            resized(*PICTURES),
+            exchanged(*PICTURES),
+            dark("source/depth/*"),
+            flipped(*PICTURES),
+            without_key("source/camera_intrinsic.json", "width", "height", "intrinsic_matrix"),
+            linked_outside(*PICTURES),
+            *ABOUT,
+        ),
+    ),
+    "ros1": Kind("source.bag", _bag("ros1"), (truncated("source.bag"), written_bag("ros1"), *IN_BAG)),
+    "ros2": Kind("source", _bag("ros2"), (truncated("source/*"), written_bag("ros2"), bag_metadata, *IN_BAG)),
+    "mcap": Kind("source", _bag("mcap"), (truncated("source/*"), written_bag("mcap"), bag_metadata, *IN_BAG)),
+    "kinect": Kind("source.mkv", _kinect, (truncated("source.mkv"), written_kinect, *ABOUT)),
+    "clouds": Kind(
+        "source",
+        _clouds,
+        (
+            truncated("source/*"),
+            linked_outside("source/*"),
+            without_key("object.json", "rate_hz", "camera"),
+            *ABOUT,
+        ),
+    ),
+}
+
+
+def draw(count: int, seed: int) -> Iterator[tuple[str, Damage, str, int]]:
+    """Kind, damage, command and seed of `count` cases; each damage of each kind comes first, then chance."""
+    rng = np.random.default_rng(seed)
+    every = [(k, d, c) for k, kind in KINDS.items() for d in kind.damages for c in kind.commands]
+    order = [*rng.permutation(len(every)), *rng.integers(len(every), size=max(count - len(every), 0))]
+    for number, which in enumerate(order[:count]):
+        kind, damage, command = every[int(which)]
+        yield kind, damage, command, seed * 100_000 + number
