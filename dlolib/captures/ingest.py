@@ -35,9 +35,20 @@ def open_capture(folder: Path) -> Source:
     Raises:
         FormatError: names file, place and mend.
     """
-    index = read_capture_index(Path(folder))
+    folder = Path(folder)
+    if not (folder / "capture.json").is_file() and not (folder / "frames.csv").is_file():
+        _name_the_way(folder)
+    index = read_capture_index(folder)
     _check(index)
     return Doubted(_source(index))
+
+
+def _name_the_way(source: Path) -> None:
+    """A recording of other software is no capture yet: say which command makes one of it."""
+    found = next((kind for kind in FORMATS if kind.matches(source)), None)
+    if found is not None:
+        mend = f"make one of it: dlo ingest {source.name} --out DIR"
+        raise FormatError(f"is a {found.kind}, no capture folder", file=source, mend=mend)
 
 
 def ingest(

@@ -51,6 +51,7 @@ def printed(board: Any) -> Print:
     words = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
     if board["type"] == "charuco":
         drawn: Any = cv2.aruco.CharucoBoard((across, down), board["square_m"], board["marker_m"], words)
+        drawn.setLegacyPattern(board.get("legacy_pattern", False))
         size = np.array([across, down]) * board["square_m"]
     else:
         gap = board["square_m"] - board["marker_m"]

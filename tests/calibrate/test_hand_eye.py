@@ -54,6 +54,17 @@ def test_the_pose_that_was_rendered_comes_out(
     assert found.unseen == () and len(found.frame) == 10
 
 
+def test_prints_of_an_older_opencv_are_known_by_their_key(tmp_path: Path) -> None:
+    """With an even number of rows the pattern of before 4.6 is another one."""
+    board = boards.CHARUCO | {"squares": [6, 4], "legacy_pattern": True}
+    folder = recorded(tmp_path / "c", board, boards.arm(6))
+    found = calibrate_hand_eye(folder)
+    assert off(found.world_from_camera, boards.VIEW, np.array([0, 0, 0.62]))[0] < 0.5
+    (folder / "board.json").write_text(json.dumps(board | {"legacy_pattern": False}))
+    with pytest.raises(DloError, match=r"found in 0 of 6 frames .*legacy_pattern for old prints"):
+        calibrate_hand_eye(folder)
+
+
 def test_the_robot_s_noise_shows_in_the_residual_and_in_the_deviation(tmp_path: Path) -> None:
     arm, rng = boards.arm(16), np.random.default_rng(5)
     tools = [tool @ boards.pose(rng.normal(0, 1e-3, 3), rng.normal(0, 2e-3, 3)) for tool in arm.tool]

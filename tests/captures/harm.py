@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
+import struct
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -168,3 +170,31 @@ def bag_metadata(place: Path, rng: Rng) -> str:
     to = (f"../../{outside.name}", str(outside))[int(rng.integers(2))]
     path.write_text(path.read_text().replace(stored.name, to))
     return f"metadata.yaml names {to if to.startswith('.') else 'an absolute path'} outside"
+
+
+def enormous(*patterns: str) -> Damage:
+    """A PNG whose header, checksum and all, asks for gigabytes."""
+
+    def damage(place: Path, rng: Rng) -> str:
+        path = pick(rng, place, *patterns)
+        data = bytearray(path.read_bytes())
+        sizes = [int(n) for n in rng.integers(30_000, 2**31, 2)]
+        data[16:24] = struct.pack(">II", *sizes)
+        data[29:33] = struct.pack(">I", zlib.crc32(data[12:29]))
+        path.write_bytes(bytes(data))
+        return f"{path.name} says {sizes[0]} x {sizes[1]} pixels"
+
+    return damage
+
+
+def outside_key(name: str, *keys: str) -> Damage:
+    """A path in a JSON that leads out of the folder."""
+
+    def damage(place: Path, rng: Rng) -> str:
+        path, key = place / name, keys[int(rng.integers(len(keys)))]
+        (place.parent / "secret.png").write_bytes(next(place.glob("**/depth/*.png")).read_bytes())
+        to = ("../../secret.png", str(place.parent / "secret.png"), "/etc/hostname")[int(rng.integers(3))]
+        path.write_text(json.dumps(json.loads(path.read_text()) | {key: to}))
+        return f"{path.name}: {key} leads outside"
+
+    return damage

@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from captures import foreign_samples as foreign
-from captures.foreign_samples import Frames, Ros
+from captures.foreign_samples import Ros
 from captures.harm import (
     Damage,
-    Rng,
     bag_metadata,
     dark,
+    enormous,
     exchanged,
     flipped,
     linked_outside,
     no_such_topic,
+    outside_key,
     removed,
     resized,
     rewritten,
@@ -27,6 +30,7 @@ from captures.harm import (
     truncated,
     without_key,
 )
+from captures.harm_written import written_bag, written_kinect
 from chain.tubes import Scene, wave, write_capture
 
 from dlolib.o3d import open3d
@@ -46,6 +50,25 @@ class Kind:
 
 def _own(place: Path) -> None:
     write_capture(place / "source", [wave(0.5), wave(0.6), wave(0.7)], Scene())
+
+
+def _masked(place: Path) -> None:
+    """A capture with masks, and images of the empty scene."""
+    folder = place / "source"
+    foreign.own(folder, foreign.frames())
+    (folder / "mask").mkdir()
+    lines = (folder / "frames.csv").read_text().splitlines()
+    for row in range(3):
+        cv2.imwrite(
+            str(folder / f"mask/{row:06d}.png"), np.full((foreign.HEIGHT, foreign.WIDTH), 255, np.uint8)
+        )
+        lines[row + 1] += f",mask/{row:06d}.png"
+    (folder / "frames.csv").write_text("\n".join([lines[0] + ",mask", *lines[1:], ""]))
+    content = json.loads((folder / "capture.json").read_text())
+    for kind in ("color", "depth"):
+        shutil.copyfile(folder / f"{kind}/000000.png", folder / f"empty_{kind}.png")
+        content[f"background_{kind}"] = f"empty_{kind}.png"
+    (folder / "capture.json").write_text(json.dumps(content))
 
 
 def _about(place: Path, **changes: Any) -> None:
@@ -86,59 +109,6 @@ def _clouds(place: Path) -> None:
         open3d.io.write_point_cloud(str(place / f"source/{row:06d}.ply"), cloud, write_ascii=ascii_ply)
 
 
-def written_bag(kind: str) -> Damage:
-    def damage(place: Path, rng: Rng) -> str:
-        shot = foreign.frames()
-        row = int(rng.integers(len(shot.ns)))
-        dark_depth = shot.depth.copy()
-        dark_depth[row] = 0
-        cases: list[tuple[str, Ros, Frames]] = [
-            ("no CameraInfo", Ros(kind, info=False), shot),
-            ("two topics of depth", Ros(kind, second_depth=True), shot),
-            ("color is mono8", Ros(kind, color="mono8"), shot),
-            ("times go back", Ros(kind, backwards=True), shot),
-            ("time stands still", Ros(kind), replace(shot, ns=[shot.ns[0]] * 2 + shot.ns[2:])),
-            (f"depth of frame {row} is zero", Ros(kind), replace(shot, depth=dark_depth)),
-            ("depth is half the size", Ros(kind), replace(shot, depth=shot.depth[:, ::2, ::2])),
-            ("depth has another viewpoint", Ros(kind, depth_frame="infrared"), shot),
-            ("a lens that is not known", Ros(kind, distortion=(0.1,) * 3), shot),
-        ]
-        said, how, spoilt = cases[int(rng.integers(len(cases)))]
-        source = place / KINDS[kind].source
-        if source.is_dir():
-            shutil.rmtree(source)
-        else:
-            source.unlink()
-        foreign.bag(source, spoilt, how)
-        return said
-
-    return damage
-
-
-def written_kinect(place: Path, rng: Rng) -> str:
-    shot = foreign.frames(2, foreign.KINECT_WIDTH, foreign.KINECT_HEIGHT)
-    attached: dict[str, Any] | None = foreign.calibration()
-    tracks, which = "DEPTH", int(rng.integers(5))
-    if which == 0:
-        said, attached = "no calibration", None
-    elif which == 1:
-        name = ("Intrinsics", "Rt", "Location", "SensorWidth")[int(rng.integers(4))]
-        del attached["CalibrationInformation"]["Cameras"][0][name]
-        said = f"the calibration lacks {name}"
-    elif which == 2:
-        said, tracks = "no track DEPTH", "INFRARED"
-    elif which == 3:
-        said, shot = (
-            "depth of frame 0 is zero",
-            replace(shot, depth=np.stack([0 * shot.depth[0], shot.depth[1]])),
-        )
-    else:
-        said, shot = "time stands still", replace(shot, ns=[shot.ns[0]] * 2)
-    (place / "source.mkv").unlink()
-    foreign.kinect(place / "source.mkv", shot, attached, tracks)
-    return said
-
-
 PICTURES = ("source/color/*", "source/depth/*")
 RGB = ("source/rgb/*", "source/depth/*")
 OPTICS = tuple(
@@ -172,6 +142,7 @@ KINDS: dict[str, Kind] = {
             truncated("source/capture.json"),
             removed(*PICTURES, "source/*.csv", "source/*.json"),
             resized(*PICTURES),
+            enormous(*PICTURES),
             exchanged(*PICTURES),
             dark("source/depth/*"),
             flipped(*PICTURES),
@@ -186,6 +157,20 @@ KINDS: dict[str, Kind] = {
         ),
         ("ingest", "chain"),
     ),
+    "masked": Kind(
+        "source",
+        _masked,
+        (
+            truncated("source/mask/*", "source/empty*"),
+            removed("source/mask/*", "source/empty*"),
+            resized("source/mask/*", "source/empty*"),
+            enormous("source/mask/*", "source/empty*"),
+            dark("source/empty_depth*"),
+            rewritten("source/frames.csv", 4, OUTSIDE),
+            outside_key("source/capture.json", "background_color", "background_depth"),
+            linked_outside("source/mask/*", "source/empty*"),
+        ),
+    ),
     "tum": Kind(
         "source",
         _tum,
@@ -194,6 +179,7 @@ KINDS: dict[str, Kind] = {
             truncated("source/*.txt"),
             removed(*RGB, "source/*.txt"),
             resized(*RGB),
+            enormous(*RGB),
             exchanged(*RGB),
             dark("source/depth/*"),
             flipped(*RGB),
@@ -221,9 +207,15 @@ KINDS: dict[str, Kind] = {
             *ABOUT,
         ),
     ),
-    "ros1": Kind("source.bag", _bag("ros1"), (truncated("source.bag"), written_bag("ros1"), *IN_BAG)),
-    "ros2": Kind("source", _bag("ros2"), (truncated("source/*"), written_bag("ros2"), bag_metadata, *IN_BAG)),
-    "mcap": Kind("source", _bag("mcap"), (truncated("source/*"), written_bag("mcap"), bag_metadata, *IN_BAG)),
+    "ros1": Kind(
+        "source.bag", _bag("ros1"), (truncated("source.bag"), written_bag("ros1", "source.bag"), *IN_BAG)
+    ),
+    "ros2": Kind(
+        "source", _bag("ros2"), (truncated("source/*"), written_bag("ros2", "source"), bag_metadata, *IN_BAG)
+    ),
+    "mcap": Kind(
+        "source", _bag("mcap"), (truncated("source/*"), written_bag("mcap", "source"), bag_metadata, *IN_BAG)
+    ),
     "kinect": Kind("source.mkv", _kinect, (truncated("source.mkv"), written_kinect, *ABOUT)),
     "clouds": Kind(
         "source",

@@ -136,14 +136,27 @@ def refusal_fault(status: int, text: str, written: dict[str, Any]) -> str | None
 
 
 def content(folder: Path) -> dict[str, Any]:
-    """Files by name, JSON and text without what means nothing: a last line break."""
+    """Files by name, JSON and tables without what means nothing: a last line break, 0.0 for 0."""
     found: dict[str, Any] = {}
     for path in sorted(folder.rglob("*")):
         if path.is_file():
             data = path.read_bytes()
             name = path.relative_to(folder).as_posix()
             found[name] = json.loads(data) if path.suffix == ".json" else data
-            found[name] = data.rstrip() if path.suffix == ".csv" else found[name]
+            found[name] = _cells(data) if path.suffix == ".csv" else found[name]
         else:
             found[path.relative_to(folder).as_posix()] = "folder"
+    return found
+
+
+def _cells(data: bytes) -> list[list[str | float]]:
+    """The cells of a table, numbers as such."""
+    found: list[list[str | float]] = []
+    for line in data.decode().splitlines():
+        found.append([])
+        for cell in line.split(","):
+            try:
+                found[-1].append(float(cell))
+            except ValueError:
+                found[-1].append(cell)
     return found

@@ -102,6 +102,17 @@ def test_links_within_the_folder_to_it_and_of_dvc_are_followed(capture: Path) ->
     assert len(list(open_capture(capture.parent / "link").frames())) == 3
 
 
+def test_a_recording_that_is_no_capture_yet(tmp_path: Path) -> None:
+    for source in (
+        foreign.bag(tmp_path / "rope.bag", foreign.frames(), foreign.Ros()),
+        foreign.tum(tmp_path / "tum", foreign.frames()),
+    ):
+        with pytest.raises(FormatError, match=r"no capture folder; make one of it: dlo ingest (rope|tum)"):
+            open_capture(source)
+    with pytest.raises(FormatError, match=r"capture\.json: no such file"):
+        open_capture(tmp_path)
+
+
 def test_a_link_in_a_foreign_folder(tmp_path: Path) -> None:
     about = foreign.given(tmp_path / "object.json")
     folder = foreign.redwood(tmp_path / "source", foreign.frames())
