@@ -223,9 +223,13 @@ def _refined(
     weight = 1 / (1 + (off / CORNER_PX) ** 2)
     bread = np.linalg.pinv(jacobian.T @ (weight[:, None] * jacobian))
     owner = np.repeat(np.arange(len(frames.seen)), [one.pixel.size for one in frames.seen])
-    pulls = np.zeros((len(frames.seen), len(fit.x)))
-    np.add.at(pulls, owner, (weight * off)[:, None] * jacobian)
-    covariance = bread @ pulls.T @ pulls @ bread * len(pulls) / max(len(pulls) - 2, 1)
+    pulls = []
+    for frame in range(len(frames.seen)):
+        # a frame pulls the fit towards itself: without it its residual would be larger (CR3, a jackknife)
+        own, light = jacobian[owner == frame], weight[owner == frame]
+        held_back = np.eye(len(own)) - own @ bread @ (light[:, None] * own).T
+        pulls.append(own.T @ (light * np.linalg.solve(held_back, off[owner == frame])))
+    covariance = bread @ np.transpose(pulls) @ np.array(pulls) @ bread * (1 - 1 / len(pulls))
     found, grip = unpacked(fit.x)
     sd_rad, sd_m = (float(np.sqrt(np.trace(covariance[part, part]))) for part in (slice(3), slice(3, 6)))
     return found, grip, sd_m, sd_rad
