@@ -37,6 +37,11 @@ lint: .venv/installed ## ruff, mypy strict on dlolib, import layers
 compare: .venv/installed ## hold this tree's metrics against the committed ones, each within its tolerance
 	@python -m stages.compare
 
+.PHONY: calibrate
+calibrate: .venv/installed ## camera and obstacles from boards and markers in DATA=DIR, into CAPTURE=DIR where given
+	@[ -n "$(DATA)" ] || { echo "make calibrate: DATA is not set; say where the frames lie: make calibrate DATA=DIR" >&2; exit 2; }
+	@python -m stages.calibrate "$(DATA)" $(if $(CAPTURE),"$(CAPTURE)")
+
 .PHONY: cables
 cables: .venv/installed ## identify the four real cables in DATA=DIR and write reports/cables.json
 	@[ -n "$(DATA)" ] || { echo "make cables: DATA is not set; say where the recordings lie: make cables DATA=DIR" >&2; exit 2; }
@@ -62,6 +67,11 @@ COUNT ?= 10000
 .PHONY: robustness
 robustness: .venv/installed ## COUNT=10000 random roll-outs of the rod: reports/robustness.json (half an hour)
 	@python -m stages.robustness "$(COUNT)"
+
+.PHONY: damaged
+damaged: COUNT = 500
+damaged: .venv/installed ## COUNT=500 damaged recordings of every source: reports/damaged.json (a minute)
+	@python -m stages.damaged "$(COUNT)"
 
 SHARDS ?= 1
 SIZE ?= 50

@@ -22,6 +22,9 @@ NotNegative = Annotated[float, Field(ge=0)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Count = Annotated[int, Field(ge=1)]
 Seed = Annotated[int, Field(ge=0)]
+# A path below a folder, without a way out of it.
+PART = r"[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+)*"
+Inside = Annotated[str, Field(pattern=rf"^{PART}(/{PART})*$")]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]
 
 
@@ -76,9 +79,16 @@ class Lab(Block):
 
 
 class Ingest(Block):
-    """Where the capture comes from: `lab`, or a folder under data/."""
+    """Where the capture comes from: `lab`, or a folder under data/, and what in it is what.
+
+    All lies in that one folder, so that it is the stage's one dependency.
+    """
 
     source: Name
+    recording: Inside | None = None
+    motion: Inside | None = None
+    object: Inside | None = None
+    topics: dict[Literal["color", "depth", "camera_info", "camera_pose", "motion"], str] = {}
 
 
 class Chain(Block):

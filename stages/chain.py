@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+
+from dlolib.calibrate import clock_offset
 from dlolib.captures import open_capture
 from dlolib.chain import ChainSettings, extract_chain
 from dlolib.chain.sheet import write_sheet
@@ -19,7 +22,11 @@ def main() -> None:
     with whole_folder(REPORTS / "chain") as folder:
         write_json(folder / "metrics.json", result.metrics())
         write_sheet(result, source, folder / "sheet.png")
+        # said and not applied: the clocks stay as they were recorded
+        clock = clock_offset(result.recording)
+        write_json(folder / "clock.json", {**asdict(clock), "says": clock.says})
     write_metrics("chain", result.metrics())
+    print(clock.says)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,8 @@
-"""A capture, the laboratory's or one's own, checked: data/<source> → data/capture."""
+"""A capture, checked, or another recording made into one: data/<source> → data/capture."""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 from dlolib.captures import ingest
 from dlolib.params import Ingest, load_block
@@ -8,7 +10,14 @@ from stages import DATA, run
 
 
 def main() -> None:
-    ingest(DATA / load_block(Ingest).source, DATA / "capture")
+    given = load_block(Ingest)
+    folder = DATA / given.source
+
+    def inside(name: str | None) -> Path | None:
+        return None if name is None else folder / name
+
+    source = inside(given.recording) or folder
+    ingest(source, DATA / "capture", inside(given.motion), given.topics, inside(given.object))
 
 
 if __name__ == "__main__":

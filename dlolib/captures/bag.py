@@ -92,7 +92,7 @@ class Bag:
         try:
             yield
         except Exception as error:
-            problem = f"cannot be read: {str(error)[:120] or type(error).__name__}"
+            problem = f"cannot be read: {str(error)[:120].rstrip('.') or type(error).__name__}"
             mend = "record or copy it again, or mend it (rosbag reindex, mcap recover)"
             raise FormatError(problem, file=self.path, place=place, mend=mend) from error
 

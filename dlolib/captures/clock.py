@@ -17,6 +17,15 @@ WITHIN_S = 0.02
 Pairs = list[tuple[int, int]]
 
 
+def falls(before_s: float, after_s: float) -> str | None:
+    """What is wrong with two times [s] that follow one another; None where the second is later."""
+    if after_s > before_s:
+        return None
+    if after_s == before_s:
+        return f"time stands still at {after_s!r} s"
+    return f"time goes back from {before_s!r} to {after_s!r} s"
+
+
 def check_clock(t_s: Floats, path: Path, what: str) -> None:
     """Refuse times (N,) [s] that do not rise, or none."""
     if not len(t_s):
@@ -24,7 +33,7 @@ def check_clock(t_s: Floats, path: Path, what: str) -> None:
     back = np.flatnonzero(np.diff(t_s) <= 0)
     if back.size:
         row = int(back[0]) + 1
-        problem = f"time goes back from {float(t_s[row - 1])!r} to {float(t_s[row])!r} s"
+        problem = falls(float(t_s[row - 1]), float(t_s[row])) or ""
         place = f"{what}, image {row}"
         raise FormatError(problem, file=path, place=place, mend="mend the clock or the order")
 

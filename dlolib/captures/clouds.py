@@ -7,19 +7,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar, Self
 
-from dlolib.captures.foreign import Asked, Shot
+from dlolib.captures.foreign import Asked, FramesAlone, Shot
 from dlolib.captures.redwood import at_rate, numbered
 
 
 @dataclass(frozen=True)
-class Clouds:
+class Clouds(FramesAlone):
     """Points [m] of the rope alone, in camera axes; times from the number and the rate."""
 
     kind: ClassVar[str] = "folder of segmented clouds (000000.ply, ...)"
-    roles: ClassVar[tuple[str, ...]] = ()
-    hint: ClassVar[str] = ""
-    motion: ClassVar[None] = None
-    world_from_camera: ClassVar[None] = None
     optics: ClassVar[Mapping[str, float]] = {}
 
     files: tuple[Path, ...]

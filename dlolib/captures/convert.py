@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +12,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dlolib.captures.clock import falls
 from dlolib.captures.cloud_folder import read_cloud
 from dlolib.captures.foreign import Foreign, Shot
 from dlolib.captures.pictures import check_color, check_depth
+from dlolib.captures.plausible import check_times, motion_doubts, say
 from dlolib.errors import FormatError
 from dlolib.files import whole_folder
 from dlolib.formats import Given, read_capture_index, read_given_motion, write_capture_index
@@ -65,14 +67,17 @@ def convert(foreign: Foreign, path: Path, given: Given, out: Path, motion_csv: P
         write_capture_index(_index(given, path, camera, kept, motion, folder), folder)
         if motion_csv is not None:
             shutil.copyfile(motion_csv, folder / "motion.csv")
-        _check_written(folder, path)
+        odd = _check_written(folder, path)
+    say([*foreign.doubts, *odd])
     return read_capture_index(out)
 
 
-def _check_written(folder: Path, path: Path) -> None:
-    """Read the capture before it appears: what is wrong with it is wrong with the recording."""
+def _check_written(folder: Path, path: Path) -> list[str]:
+    """Read the capture before it appears: what is wrong with it is wrong with the recording; what is odd."""
     try:
-        read_capture_index(folder)
+        index = read_capture_index(folder)
+        check_times(index)
+        return motion_doubts(replace(index, folder=path))
     except FormatError as error:
         name = error.file.name if error.file else ""
         place = ", ".join(part for part in (f"as {name}", error.place) if part)
@@ -111,8 +116,7 @@ def _rising(shots: Iterator[Shot]) -> Iterator[Shot]:
     for shot in shots:
         if not np.isfinite(shot.t_s):
             raise FormatError("its time is no number", file=shot.file, place=shot.place, mend="correct it")
-        if before is not None and shot.t_s <= before:
-            problem = f"time goes back from {before!r} to {shot.t_s!r} s"
+        if before is not None and (problem := falls(before, shot.t_s)):
             raise FormatError(problem, file=shot.file, place=shot.place, mend="mend the clock or the order")
         before = shot.t_s
         yield shot

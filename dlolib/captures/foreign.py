@@ -85,6 +85,37 @@ class Foreign(Protocol):
         """Which topics could give a pose or a motion, for a question; empty where none could."""
         ...
 
+    @property
+    def doubts(self) -> list[str]:
+        """What is odd and yet may be meant, a line each."""
+        ...
+
     def shots(self) -> Iterator[Shot]:
         """Read one shot after the other, in the order of time."""
         ...
+
+
+class FramesAlone:
+    """What a recording answers that holds frames and nothing of robots: the base of most formats."""
+
+    roles: ClassVar[tuple[str, ...]] = ()
+
+    @property
+    def world_from_camera(self) -> Floats | None:
+        """Not recorded."""
+        return None
+
+    @property
+    def motion(self) -> Motion | None:
+        """Not recorded."""
+        return None
+
+    @property
+    def hint(self) -> str:
+        """There are no topics."""
+        return ""
+
+    @property
+    def doubts(self) -> list[str]:
+        """None."""
+        return []

@@ -14,6 +14,7 @@ from dlolib.captures.foreign import Asked, Foreign
 from dlolib.captures.image_folder import ImageFolder
 from dlolib.captures.kinect import AzureKinect
 from dlolib.captures.pictures import read_color, read_depth
+from dlolib.captures.plausible import Doubted, check_inside, check_times, doubts, say
 from dlolib.captures.realsense import RealSense
 from dlolib.captures.redwood import RedwoodFolder
 from dlolib.captures.ros import RosBag
@@ -34,7 +35,20 @@ def open_capture(folder: Path) -> Source:
     Raises:
         FormatError: names file, place and mend.
     """
-    return _source(read_capture_index(Path(folder)))
+    folder = Path(folder)
+    if not (folder / "capture.json").is_file() and not (folder / "frames.csv").is_file():
+        _name_the_way(folder)
+    index = read_capture_index(folder)
+    _check(index)
+    return Doubted(_source(index))
+
+
+def _name_the_way(source: Path) -> None:
+    """A recording of other software is no capture yet: say which command makes one of it."""
+    found = next((kind for kind in FORMATS if kind.matches(source)), None)
+    if found is not None:
+        mend = f"make one of it: dlo ingest {source.name} --out DIR"
+        raise FormatError(f"is a {found.kind}, no capture folder", file=source, mend=mend)
 
 
 def ingest(
@@ -67,6 +81,7 @@ def ingest(
     if (found := _format(source)) is None:
         return _copied(source, out, motion_csv, topics, object_json)
     _check_roles(found, topics or {})
+    check_inside((path for path in source.rglob("*") if path.is_symlink()), source)
     given = read_given(_object(source, object_json))
     foreign = found.open(source, Asked(given, topics or {}))
     return convert(foreign, source, given, out, motion_csv)
@@ -117,6 +132,7 @@ def _copied(
             problem = "a capture folder has no topics and says itself what was recorded"
             raise ParameterError(problem, place=option, mend="leave it out")
     index = read_capture_index(source, motion_csv)
+    _check(index)
     _check_backgrounds(index)
     for _ in track(_source(index).frames(), "checking frames", len(index.frame)):
         pass
@@ -125,7 +141,14 @@ def _copied(
             _copy(path, temporary / path.relative_to(index.folder))
         if index.motion is not None:
             _copy(Path(motion_csv or index.folder / "motion.csv"), temporary / "motion.csv")
+    say(doubts(index))
     return read_capture_index(out)
+
+
+def _check(index: CaptureIndex) -> None:
+    """What the form alone does not tell: links that lead outside, clocks that cannot be."""
+    check_inside([*_named(index), index.folder / "motion.csv"], index.folder)
+    check_times(index)
 
 
 def _check_backgrounds(index: CaptureIndex) -> None:

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 
 from dlolib.captures.clock import Pairs, check_clock, paired, together
-from dlolib.captures.foreign import Asked, Shot
+from dlolib.captures.foreign import Asked, FramesAlone, Shot
 from dlolib.captures.kinect_calibration import Calibration, read_calibration
+from dlolib.captures.plausible import unpaired
 from dlolib.errors import FormatError
 from dlolib.types import Floats
 
@@ -25,14 +26,10 @@ HEAD = 4096
 
 
 @dataclass(frozen=True)
-class AzureKinect:
+class AzureKinect(FramesAlone):
     """Colour brought to the depth camera's place; time is the device's clock."""
 
     kind: ClassVar[str] = "Azure Kinect recording (.mkv)"
-    roles: ClassVar[tuple[str, ...]] = ()
-    hint: ClassVar[str] = ""
-    motion: ClassVar[None] = None
-    world_from_camera: ClassVar[None] = None
 
     path: Path
     depth_s: Floats
@@ -63,6 +60,11 @@ class AzureKinect:
     def count(self) -> int:
         """How many pairs there are."""
         return len(self.pairs)
+
+    @property
+    def doubts(self) -> list[str]:
+        """Depth images that are left out."""
+        return unpaired(self.depth_s, len(self.pairs), self.path, "DEPTH")
 
     def shots(self) -> Iterator[Shot]:
         """Each pair at the time of its depth image."""

@@ -18,6 +18,8 @@ from dlolib.types import Camera
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 JPEG = b"\xff\xd8"
 NEAREST_M, FURTHEST_M = 0.05, 30.0
+# More than any camera has on a side; a few bytes can ask for gigabytes.
+LARGEST_PX = 20_000
 
 
 def read_color(path: Path, camera: Camera) -> Image:
@@ -66,7 +68,7 @@ def check_depth(image: NDArray[Any], camera: Camera, path: Path, place: str | No
             mend="save depth as 16-bit; is color named as depth?",
         )
     if not image.any():
-        mend = "remove the frame from frames.csv" if place is None else "record it again"
+        mend = "take the frame out, or record it again"
         raise FormatError("depth is zero everywhere", file=path, place=place, mend=mend)
     assert camera.depth_scale is not None
     typical = float(np.median(image[image > 0])) / camera.depth_scale
@@ -86,12 +88,12 @@ def decode_png(data: bytes, path: Path, place: str | None = None) -> NDArray[np.
         FormatError: no PNG, truncated, or damaged.
     """
     _check_whole(data, path, place)
-    image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
+    image = _decoded(data, cv2.IMREAD_UNCHANGED)
     if image is None:
         raise FormatError("cannot be decoded", file=path, place=place, mend="record or copy it again")
     if image.dtype not in (np.uint8, np.uint16):
         raise FormatError(f"is {image.dtype}", file=path, place=place, mend="save it with 8 or 16 bits")
-    return image  # type: ignore[return-value]
+    return image
 
 
 def decode_color(data: bytes, path: Path, place: str | None = None) -> Image:
@@ -102,7 +104,7 @@ def decode_color(data: bytes, path: Path, place: str | None = None) -> Image:
     """
     if data.startswith(JPEG):
         # OpenCV refuses a truncated JPEG by itself
-        image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_COLOR)
+        image = _decoded(data, cv2.IMREAD_COLOR)
         if image is None:
             raise FormatError("is a damaged JPEG", file=path, place=place, mend="record or copy it again")
     else:
@@ -126,13 +128,22 @@ def decode_depth(data: bytes, path: Path, place: str | None = None) -> NDArray[n
     return image  # type: ignore[return-value]
 
 
+def _decoded(data: bytes, flags: int) -> NDArray[Any] | None:
+    """What OpenCV makes of an image; None where it makes nothing or refuses by an error of its own."""
+    try:
+        image: NDArray[Any] | None = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags)
+    except cv2.error:
+        return None
+    return image
+
+
 def _check_size(image: NDArray[Any], camera: Camera, path: Path, place: str | None) -> None:
     if image.shape[:2] != (camera.height, camera.width):
         raise FormatError(
             f"is {image.shape[1]} x {image.shape[0]} pixels, the camera {camera.width} x {camera.height}",
             file=path,
             place=place,
-            mend="correct camera.width and height in capture.json, or the image",
+            mend="correct the camera's width and height, or the image",
         )
 
 
@@ -144,6 +155,8 @@ def _check_whole(data: bytes, path: Path, frame: str | None) -> None:
     while at + 12 <= len(data):
         (length,) = struct.unpack_from(">I", data, at)
         kind = data[at + 4 : at + 8]
+        if at == len(SIGNATURE):
+            _check_header(kind, data[at + 8 : at + 16], path, frame)
         if at + 12 + length > len(data):
             break
         (checksum,) = struct.unpack_from(">I", data, at + 8 + length)
@@ -155,6 +168,19 @@ def _check_whole(data: bytes, path: Path, frame: str | None) -> None:
         at += 12 + length
     place = f"{frame}, byte {len(data)}" if frame else f"byte {len(data)}"
     raise FormatError("is truncated", file=path, place=place, mend="record or copy it again")
+
+
+def _check_header(kind: bytes, sizes: bytes, path: Path, frame: str | None) -> None:
+    """Refuse a PNG that asks for more memory than any camera's image."""
+    place = f"{frame}, header" if frame else "header"
+    if kind != b"IHDR" or len(sizes) < 8:
+        raise FormatError(
+            "is damaged: it does not begin with a header", file=path, place=place, mend="copy it again"
+        )
+    width, height = struct.unpack(">II", sizes)
+    if not (0 < width <= LARGEST_PX and 0 < height <= LARGEST_PX):
+        problem = f"says that it has {width} x {height} pixels"
+        raise FormatError(problem, file=path, place=place, mend="record or copy it again")
 
 
 def _kind(image: NDArray[Any]) -> str:

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from dlolib.captures.foreign import Asked, Shot
+from dlolib.captures.foreign import Asked, FramesAlone, Shot
 from dlolib.errors import FormatError
 
 # Of the file's first bytes: librealsense names its topics by device.
@@ -17,14 +17,10 @@ MAGIC, TOPIC, HEAD = b"#ROSBAG V2.0", b"/device_0/", 1 << 20
 
 
 @dataclass(frozen=True)
-class RealSense:
+class RealSense(FramesAlone):
     """The first colour and depth stream, as one camera."""
 
     kind: ClassVar[str] = "RealSense recording (.bag)"
-    roles: ClassVar[tuple[str, ...]] = ()
-    hint: ClassVar[str] = ""
-    motion: ClassVar[None] = None
-    world_from_camera: ClassVar[None] = None
 
     path: Path
     count: int

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from dlolib.captures.foreign import Asked, Shot
+from dlolib.captures.foreign import Asked, FramesAlone, Shot
 from dlolib.captures.pictures import decode_color, decode_depth
 from dlolib.errors import FormatError
 
@@ -23,14 +23,10 @@ NAME = re.compile(r"(?P<number>\d+)(-(?P<time_us>\d+))?")
 
 
 @dataclass(frozen=True)
-class RedwoodFolder:
+class RedwoodFolder(FramesAlone):
     """Images paired by number; times from their names, or from the number and the rate."""
 
     kind: ClassVar[str] = "Open3D or Redwood folder (color/, depth/, intrinsic.json)"
-    roles: ClassVar[tuple[str, ...]] = ()
-    hint: ClassVar[str] = ""
-    motion: ClassVar[None] = None
-    world_from_camera: ClassVar[None] = None
 
     color: tuple[Path, ...]
     depth: tuple[Path, ...]

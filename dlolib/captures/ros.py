@@ -14,6 +14,7 @@ from dlolib.captures.bag import STORED, Bag, stamp_s
 from dlolib.captures.clock import Pairs, check_clock, paired, together
 from dlolib.captures.foreign import Asked, Shot
 from dlolib.captures.lens import Lens
+from dlolib.captures.plausible import unpaired
 from dlolib.captures.poses import end_motion, one_pose
 from dlolib.captures.ros_images import Role, Spot
 from dlolib.errors import FormatError
@@ -66,6 +67,11 @@ class RosBag:
         """The topics of poses, and the frames of tf."""
         with Bag(self.path) as bag:
             return ", ".join(ros_poses.choices(bag))
+
+    @property
+    def doubts(self) -> list[str]:
+        """Depth images that are left out."""
+        return unpaired(self.depth_s, len(self.pairs), self.path, self.topics["depth"])
 
     def shots(self) -> Iterator[Shot]:
         """Each pair at the stamp of its depth image."""

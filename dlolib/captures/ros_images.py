@@ -117,10 +117,8 @@ def lens(info: Any, rectified: bool, spot: Spot) -> Lens:
             "the camera is not calibrated: its focal length is 0", "calibrate it, or give camera.fx"
         )
     if bent.any() and (info.distortion_model not in UNDISTORTED or len(bent) not in (4, 5, 8)):
-        known = " or ".join(UNDISTORTED[1:])
-        raise spot.refusal(
-            f"its lens is {info.distortion_model!r}", f"record the rectified image, or {known}"
-        )
+        problem = f"its lens is {info.distortion_model!r} with {len(bent)} numbers"
+        raise spot.refusal(problem, f"record the rectified image, or {' or '.join(UNDISTORTED[1:])}")
     return Lens(matrix, bent)
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from dlolib.captures.bag import Bag, stamp_s
+from dlolib.captures.clock import falls
 from dlolib.captures.poses import transforms
 from dlolib.errors import FormatError
 from dlolib.formats import interpolate_motion
@@ -48,8 +49,9 @@ def poses(bag: Bag, name: str, role: str) -> tuple[Floats, Floats]:
     topic, _, frame = name.partition(":")
     frame = frame.lstrip("/")
     kind = bag.types.get(topic)
-    listed = ", ".join(choices(bag)) or "none"
-    place, mend = f"--topic {role}={name}", f"choose from {listed}"
+    listed = ", ".join(choices(bag))
+    place = f"--topic {role}={name}"
+    mend = f"choose from {listed}" if listed else "leave it out: the bag holds no poses"
     if kind not in KINDS:
         problem = "no such topic" if kind is None else f"is of type {kind}, no pose"
         raise FormatError(problem, file=bag.path, place=place, mend=mend)
@@ -78,7 +80,7 @@ def _checked(bag: Bag, rows: Floats, place: str) -> tuple[Floats, Floats]:
     rows = rows[fresh]
     back = np.flatnonzero(np.diff(rows[:, 0]) < 0)
     if back.size:
-        problem = f"time goes back from {rows[back[0], 0]!r} to {rows[back[0] + 1, 0]!r} s"
+        problem = falls(float(rows[back[0], 0]), float(rows[back[0] + 1, 0])) or ""
         raise FormatError(problem, file=bag.path, place=place, mend="mend the clock or the order")
     return rows[:, 0], transforms(rows[:, 1:4], rows[:, 4:], bag.path, place)
 

@@ -9,9 +9,10 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from dlolib.captures.clock import Pairs, paired
-from dlolib.captures.foreign import Asked, Shot
+from dlolib.captures.clock import Pairs, falls, paired
+from dlolib.captures.foreign import Asked, FramesAlone, Shot
 from dlolib.captures.pictures import decode_color, decode_depth
+from dlolib.captures.plausible import unnamed, unpaired
 from dlolib.captures.poses import one_pose, transforms
 from dlolib.errors import FormatError
 from dlolib.types import Floats
@@ -34,20 +35,18 @@ class _List:
 
 
 @dataclass(frozen=True)
-class TumFolder:
+class TumFolder(FramesAlone):
     """Images paired by time; depth in units of 0.2 mm."""
 
     kind: ClassVar[str] = "TUM RGB-D folder (rgb.txt, depth.txt)"
-    roles: ClassVar[tuple[str, ...]] = ()
-    hint: ClassVar[str] = ""
-    motion: ClassVar[None] = None
     optics: ClassVar[Mapping[str, float]] = {"depth_scale": DEPTH_SCALE}
 
     color: tuple[Path, ...]
     depth: tuple[Path, ...]
     depth_s: Floats
     pairs: Pairs
-    world_from_camera: Floats | None
+    pose: Floats | None
+    odd: list[str]
 
     @classmethod
     def matches(cls, path: Path) -> bool:
@@ -62,12 +61,26 @@ class TumFolder:
         pose = None
         if asked.given.world_from_camera is None and (path / "groundtruth.txt").exists():
             pose = _pose(_list(path / "groundtruth.txt"))
-        return cls(_images(color), _images(depth), depth.t_s, pairs, pose)
+        images = _images(color), _images(depth)
+        odd = unpaired(depth.t_s, len(pairs), depth.path, "rows")
+        for listed, found in zip((color, depth), images, strict=True):
+            odd += unnamed(found, listed.path)
+        return cls(*images, depth.t_s, pairs, pose, odd)
 
     @property
     def count(self) -> int:
         """How many pairs there are."""
         return len(self.pairs)
+
+    @property
+    def world_from_camera(self) -> Floats | None:
+        """That of groundtruth.txt, where there is one."""
+        return self.pose
+
+    @property
+    def doubts(self) -> list[str]:
+        """Images that are left out: no row names them, or no colour image is near."""
+        return self.odd
 
     def shots(self) -> Iterator[Shot]:
         """Each pair at the time of its depth image."""
@@ -95,8 +108,7 @@ def _list(path: Path) -> _List:
     for row in range(len(rows)):
         if not np.isfinite(found.t_s[row]):
             raise found.refusal(row, f"{rows[row][1][0][:40]!r} is no time", "give seconds")
-        if row and found.t_s[row] <= found.t_s[row - 1]:
-            problem = f"time goes back from {float(found.t_s[row - 1])!r} to {float(found.t_s[row])!r} s"
+        if row and (problem := falls(float(found.t_s[row - 1]), float(found.t_s[row]))):
             raise found.refusal(row, problem, "sort the rows by time")
     return found
 

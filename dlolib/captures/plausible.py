@@ -1,0 +1,148 @@
+"""What is refused of a capture beside its form, and what is odd and yet may be meant: a warning says so."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from dlolib.captures.base import Frame, Source
+from dlolib.errors import FormatError
+from dlolib.types import CaptureIndex, Floats, Motion
+
+LOG = logging.getLogger(__name__)
+# No clock counts so far: 3000 years of seconds.
+LATEST_S = 1e11
+# Beyond a motion's first and last row its poses hold; what is more than a part of a frame is worth a word.
+BEYOND_FRAMES = 0.5
+# An end that stands still fits every clock.
+MOVES_M = 1e-3
+# Where DVC keeps files and may link to: <cache>/files/md5/ab/cdef...
+DVC_CACHE = ("files", "md5")
+
+
+def check_inside(paths: Iterable[Path], folder: Path) -> None:
+    """Refuse a link that leads out of the recording's folder: an archive could name any file of the machine.
+
+    Raises:
+        FormatError: names the link.
+    """
+    root = folder.resolve()
+    for path in paths:
+        target = path.resolve()
+        if not target.is_relative_to(root) and target.parts[-4:-2] != DVC_CACHE:
+            problem = "is a link that leads out of the folder"
+            raise FormatError(problem, file=path, mend="put the file itself there")
+
+
+def check_times(index: CaptureIndex) -> None:
+    """Refuse times that no clock shows, and a motion that shares no time with the frames.
+
+    Raises:
+        FormatError: names the table.
+    """
+    motion = index.motion
+    for name, t_s in (("frames.csv", index.t_s), ("motion.csv", None if motion is None else motion.t_s)):
+        if t_s is not None and np.abs(t_s).max() > LATEST_S:
+            problem = f"a time of {np.abs(t_s).max():.4g} s"
+            raise FormatError(
+                problem, file=index.folder / name, place="column t_s", mend="give seconds; correct that row"
+            )
+    if motion is None or not _moves(motion):
+        return
+    if motion.t_s[0] > index.t_s[-1] or motion.t_s[-1] < index.t_s[0]:
+        problem = (
+            f"goes from {motion.t_s[0]:.10g} to {motion.t_s[-1]:.10g} s, the frames from "
+            f"{index.t_s[0]:.10g} to {index.t_s[-1]:.10g} s: they share no time"
+        )
+        file = index.folder / "motion.csv"
+        raise FormatError(problem, file=file, place="column t_s", mend="bring both to one clock")
+
+
+def doubts(index: CaptureIndex) -> list[str]:
+    """What may be the trace of a table that was cut off, one line each."""
+    found = []
+    for paths in (index.color, index.depth, index.cloud):
+        found += unnamed(paths or (), index.folder / "frames.csv")
+    table = index.folder / "motion.csv"
+    if table.is_file() and not table.read_bytes().endswith(b"\n"):
+        # the last number may be half of one
+        problem, mend = "does not end with a line break", "check that it is whole"
+        found.append(str(FormatError(problem, file=table, place="last line", mend=mend)))
+    return found + motion_doubts(index)
+
+
+def motion_doubts(index: CaptureIndex) -> list[str]:
+    """Frames before or after the rows of the motion, where its first or last pose holds."""
+    motion, file = index.motion, index.folder / "motion.csv"
+    if motion is None or not _moves(motion):
+        return []
+    step = float(np.median(np.diff(index.t_s))) if len(index.t_s) > 1 else 0.0
+    found = []
+    for late, what in (
+        (motion.t_s[0] - index.t_s[0], "begins {:.3g} s after the first frame"),
+        (index.t_s[-1] - motion.t_s[-1], "ends {:.3g} s before the last frame"),
+    ):
+        if late > BEYOND_FRAMES * step:
+            problem = f"{what.format(late)}, and its pose there is taken to hold"
+            mend = "check that it is whole and that both clocks agree"
+            found.append(str(FormatError(problem, file=file, place="column t_s", mend=mend)))
+    return found
+
+
+def unnamed(paths: Iterable[Path], table: Path) -> list[str]:
+    """Images of the kind and in the folders of `paths` that `table` does not name, one line a folder."""
+    named: dict[Path, set[Path]] = {}
+    for path in paths:
+        named.setdefault(path.parent, set()).add(path)
+    found = []
+    for folder, own in named.items():
+        kinds = {path.suffix for path in own}
+        left = sorted(path for path in folder.iterdir() if path.suffix in kinds and path not in own)
+        if left:
+            problem = f"{len(left)} files in {folder.name} are in no row, the first {left[0].name}"
+            mend = "check that it is whole"
+            found.append(str(FormatError(problem, file=table, place="rows", mend=mend)))
+    return found
+
+
+def unpaired(depth_s: Floats, pairs: int, path: Path, what: str) -> list[str]:
+    """That depth images were left out because no colour image is near."""
+    left = len(depth_s) - pairs
+    problem = f"{left} of {len(depth_s)} depth images have no color image at their time and are left out"
+    mend = "check that both are whole and of one clock"
+    return [str(FormatError(problem, file=path, place=what, mend=mend))] if left else []
+
+
+def say(lines: Iterable[str]) -> None:
+    """Say doubts as warnings; by default Python's logging writes them to standard error."""
+    for line in lines:
+        LOG.warning("warning: %s", line)
+
+
+@dataclass
+class Doubted:
+    """A source that says its doubts once, when all frames were read: a refusal stays a single line."""
+
+    inner: Source
+    said: bool = False
+
+    @property
+    def index(self) -> CaptureIndex:
+        """What the capture says about itself."""
+        return self.inner.index
+
+    def frames(self) -> Iterator[Frame]:
+        """Read one frame after the other."""
+        yield from self.inner.frames()
+        if not self.said:
+            self.said = True
+            say(doubts(self.index))
+
+
+def _moves(motion: Motion) -> bool:
+    held = [place for place in (motion.start_m, motion.end_m) if not np.isnan(place).all()]
+    return any(float(np.ptp(place, axis=0).max()) > MOVES_M for place in held)
