@@ -7,9 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
+from scipy.ndimage import minimum_filter1d
 
+from dlolib.chain.centre import tangents
 from dlolib.chain.lift import Strand
-from dlolib.chain.order import Anchor
+from dlolib.chain.order import Anchor, length
 from dlolib.types import Floats
 
 BRIDGE_STEP_M = 0.002
@@ -17,6 +19,7 @@ STRAIGHT_M, OVERLAP_M = 0.01, 0.03
 HIDDEN_DOUBT, SEEN_DOUBT = 0.05, 0.003
 LARGEST_MISFIT = 0.03
 BACK_SAMPLES = 10
+ALONG = 0.5
 
 
 @dataclass(frozen=True)
@@ -52,9 +55,9 @@ def assemble(
         bridge_m: the longest stretch that counts as seen though nothing was read in it.
     """
     if start is not None:
-        strands = _cut_before(strands, start)
+        strands = _cut_before(strands, start, length_m)
     if end is not None:
-        strands = _turned(_cut_before(_turned(strands), Anchor(end.place_m, -end.tangent)))
+        strands = _turned(_cut_before(_turned(strands), Anchor(end.place_m, -end.tangent), length_m))
     pieces = _pieces(_without_overlap(strands), start, end, bridge_m)
     points, pixel = (
         np.concatenate([getattr(piece, name) for piece in pieces]) for name in ("points_m", "pixel")
@@ -166,15 +169,28 @@ def _turned(strands: list[Strand]) -> list[Strand]:
     return [strand.turned() for strand in strands[::-1]]
 
 
-def _cut_before(strands: list[Strand], anchor: Anchor) -> list[Strand]:
-    """Leave out what lies before a held start: the rope's tail on the other side of the clamp."""
+def _cut_before(strands: list[Strand], anchor: Anchor, length_m: float) -> list[Strand]:
+    """Leave out what lies before a held start: the rope's tail on the other side of the clamp.
+
+    A rope with a loop may pass by its own clamp: of all passes in the clamp's direction, the one counts
+    that leaves the length which is known.
+    """
     first = strands[0]
     offset = first.points_m - anchor.place_m
     distance = np.linalg.norm(offset, axis=1)
-    nearest = int(np.argmin(distance))
+    along = tangents(first.points_m) @ anchor.tangent > ALONG
+    passing = (
+        along & (distance <= minimum_filter1d(distance, 2 * BACK_SAMPLES + 1)) & (distance <= STRAIGHT_M)
+    )
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(first.points_m, axis=0), axis=1))])
+    rest = way[-1] - way + sum(length(strand) for strand in strands[1:])
+    if not passing.any():
+        return strands
+    nearest = min(np.flatnonzero(passing), key=lambda at: abs(float(rest[at]) - length_m))
     before = offset @ anchor.tangent < 0
     before[nearest + 1 :] = False
-    if distance[nearest] > STRAIGHT_M or not before.any():
+    before[: max(nearest - round(STRAIGHT_M / max(way[-1] / len(way), 1e-9)), 0)] = False
+    if not before.any():
         return strands
     cut = int(np.flatnonzero(before)[-1]) + 1
     if len(first.points_m) - cut < 2:

@@ -13,6 +13,7 @@ from dlolib.captures.base import Frame, Source
 from dlolib.chain.axis import Axis, assemble
 from dlolib.chain.cloud import view_of_cloud
 from dlolib.chain.greedy import greedy_chain
+from dlolib.chain.join import joined
 from dlolib.chain.lift import lift
 from dlolib.chain.order import Anchor, in_order
 from dlolib.chain.segment import coverage, grey_levels, rope_mask, without_specks
@@ -118,6 +119,9 @@ def chain_frame(
     strands = in_order(strands, start, end)
     if not strands:
         raise _no_rope(frame, "nothing in it is long and narrow and has depth")
+    on = joined(strands, width, view, start, end)
+    if on is not None:
+        strands = lift(on, width, view, index.rope.radius_m, settings)
     if start is None and end is None:
         tips = _world(np.array([strands[0].points_m[0], strands[-1].points_m[-1]]), index)
         if _starts_at_the_other(tips, previous):

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d
+from scipy.ndimage import binary_closing, maximum_filter1d
+from scipy.spatial import cKDTree
 
 from dlolib.chain.centre import Sections, centred_lines, tangents
 from dlolib.chain.settings import ChainSettings
@@ -22,6 +23,7 @@ SMALLEST_SIGMA_M = 5e-4
 INTERIOR_SHARE = 0.8
 # An outline tells a section's middle better than a few depth readings its distance: less smoothing.
 LATERAL = 0.5
+APART_WIDTHS = 3.0
 
 
 @dataclass(frozen=True)
@@ -64,9 +66,12 @@ def lift(
     grids = shaded_middles(grids, radii, radius_m > 0, view, half_wave)
     readings = Sections.of(grids, view.pixel(cloud), width)
     strands = []
+    contested = _contested(grids, width)
     for number, grid in enumerate(grids):
         mine = readings.line == number
-        strand = _read_depth(grid, readings.take(mine), cloud[mine], view, radius_m, width, settings)
+        strand = _read_depth(
+            grid, readings.take(mine), cloud[mine], contested[number], view, radius_m, width, settings
+        )
         if strand is not None:
             strands.append(strand)
     return strands
@@ -88,6 +93,19 @@ def _radii(grids: list[Floats], cloud: Floats, width: float, view: View, radius_
     return radii
 
 
+def _contested(grids: list[Floats], width: float) -> list[NDArray[np.bool_]]:
+    """Samples (N,) of each line that lie beside another strand: whose readings are there is not yet clear."""
+    places = np.concatenate(grids)
+    line = np.repeat(np.arange(len(grids)), [len(grid) for grid in grids])
+    close = cKDTree(places).query_pairs(width, output_type="ndarray")
+    first, second = close[:, 0], close[:, 1]
+    # Along one line samples are a pixel apart: only a loop brings distant ones together.
+    other = (line[first] != line[second]) | (np.abs(first - second) > APART_WIDTHS * width)
+    beside = np.zeros(len(places), dtype=np.bool_)
+    beside[close[other].ravel()] = True
+    return np.split(beside, np.cumsum([len(grid) for grid in grids])[:-1])
+
+
 def _cloud(view: View) -> Floats:
     """The rope's pixels with depth as points [m] (N, 3) in camera axes, statistical outliers removed."""
     height, width = view.depth_m.shape
@@ -105,6 +123,7 @@ def _read_depth(
     grid: Floats,
     sections: Sections,
     cloud: Floats,
+    contested: NDArray[np.bool_],
     view: View,
     radius_m: float,
     width: float,
@@ -114,7 +133,8 @@ def _read_depth(
 
     Each reading is carried from the skin to the axis first. Along the viewing ray the axis lies behind
     the skin by √(r² - b²) / sin γ, where b is the reading's distance from the middle of the section and
-    γ the angle between ray and rope. γ comes from the curve of the pass before.
+    γ the angle between ray and rope. γ comes from the curve of the pass before. Where two strands meet in
+    the image the readings are those of the nearer one: they count only once a curve without them agrees.
     """
     interior = max(min(0.5 * width - settings.edge_px, 0.5 * INTERIOR_SHARE * width), 0.6)
     middle = np.abs(sections.across) <= interior
@@ -125,17 +145,33 @@ def _read_depth(
     pitch = float(np.median(depth)) / view.focal
     slant = np.ones(len(grid))
     axis = depth
-    curve = _medians(sample, depth, len(grid), max(settings.smooth_m / pitch, 3.0))
-    for _ in range(PASSES):
+    own = ~contested[sample]
+    if np.count_nonzero(own) < 4:
+        own = np.ones(len(sample), dtype=np.bool_)
+    curve = _medians(sample[own], depth[own], len(grid), max(settings.smooth_m / pitch, 3.0))
+    for turn in range(PASSES):
         behind = np.sqrt(np.maximum(radius_m**2 - (across * pitch) ** 2, 0.0))
         ray = np.linalg.norm(cloud / depth[:, None], axis=1)
         axis = depth + behind / slant[sample] / ray
-        curve, sigma, kept = _robust(sample, axis, curve, settings.smooth_m / pitch)
+        counting = own if turn == 0 else np.ones_like(own)
+        curve, sigma, kept = _robust(sample, axis, curve, counting, settings.smooth_m / pitch)
         slant = _slant(view.space(grid, curve))
     reach = max(round(0.5 * settings.bridge_m / pitch), 1)
-    count = np.bincount(sample[kept], minlength=len(grid))
-    seen = maximum_filter1d(count, 2 * reach + 1, mode="constant") > 0
-    return Strand(grid, view.space(grid, curve), np.asarray(seen), sigma)
+    read = np.bincount(sample[kept], minlength=len(grid)) > 0
+    return Strand(grid, view.space(grid, curve), _bridged(read, contested, reach), sigma)
+
+
+def _bridged(read: NDArray[np.bool_], contested: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
+    """Samples (N,) with readings, or in a stretch of up to twice `reach` without; a wider one stays whole.
+
+    The outermost readings of a strand lie in the band that is left out: its tips may reach out as far,
+    unless another strand lies over them.
+    """
+    closed = binary_closing(np.pad(read, 2 * reach), np.ones(2 * reach + 1))[2 * reach : -2 * reach]
+    tips = np.zeros(len(read), dtype=np.bool_)
+    tips[:reach] = tips[-reach:] = True
+    near = maximum_filter1d(read, 2 * reach + 1, mode="constant")
+    return np.asarray(closed | (tips & near & ~contested), dtype=np.bool_)
 
 
 def _medians(sample: NDArray[np.intp], depth: Floats, count: int, half_wave: float) -> Floats:
@@ -151,13 +187,17 @@ def _medians(sample: NDArray[np.intp], depth: Floats, count: int, half_wave: flo
 
 
 def _robust(
-    sample: NDArray[np.intp], axis: Floats, curve: Floats, half_wave: float
+    sample: NDArray[np.intp],
+    axis: Floats,
+    curve: Floats,
+    counting: NDArray[np.bool_],
+    half_wave: float,
 ) -> tuple[Floats, float, NDArray[np.bool_]]:
     """Smooth the readings near the last curve (N,): the new curve, their scatter [m], which they were."""
     rest = axis - curve[sample]
-    rest = rest - np.median(rest)
-    sigma = max(1.4826 * float(np.median(np.abs(rest))), SMALLEST_SIGMA_M)
-    kept = np.abs(rest) <= 3 * sigma
+    rest = rest - np.median(rest[counting])
+    sigma = max(1.4826 * float(np.median(np.abs(rest[counting]))), SMALLEST_SIGMA_M)
+    kept = counting & (np.abs(rest) <= 3 * sigma)
     weights = np.bincount(sample[kept], minlength=len(curve)).astype(np.float64)
     sums = np.bincount(sample[kept], axis[kept], minlength=len(curve))
     return whittaker(sums / np.maximum(weights, 1), weights, half_wave), sigma, kept
