@@ -16,7 +16,7 @@ from dlolib.chain.greedy import greedy_chain
 from dlolib.chain.join import joined
 from dlolib.chain.lift import lift
 from dlolib.chain.order import Anchor, in_order
-from dlolib.chain.segment import coverage, grey_levels, rope_mask, without_specks
+from dlolib.chain.segment import coverage, segment, without_specks
 from dlolib.chain.settings import ChainSettings
 from dlolib.chain.skeleton import centre_lines
 from dlolib.chain.view import View
@@ -159,10 +159,9 @@ def _view(frame: Frame, index: CaptureIndex, settings: ChainSettings) -> View:
     camera = index.camera
     assert frame.depth_m is not None and camera.fx is not None and camera.fy is not None
     assert camera.cx is not None and camera.cy is not None
-    mask = rope_mask(frame, index, settings)
-    covered = coverage(frame, index, mask)
-    grey = grey_levels(frame, index)
-    return View(mask, covered, frame.depth_m, camera.fx, camera.fy, camera.cx, camera.cy, grey)
+    found = segment(frame, index, settings)
+    covered = coverage(found)
+    return View(found.mask, covered, frame.depth_m, camera.fx, camera.fy, camera.cx, camera.cy, found.levels)
 
 
 def _anchors(frame: Frame, index: CaptureIndex) -> tuple[Anchor | None, Anchor | None]:

@@ -167,7 +167,9 @@ def _bridged(read: NDArray[np.bool_], contested: NDArray[np.bool_], reach: int) 
     The outermost readings of a strand lie in the band that is left out: its tips may reach out as far,
     unless another strand lies over them.
     """
-    closed = binary_closing(np.pad(read, 2 * reach), np.ones(2 * reach + 1))[2 * reach : -2 * reach]
+    closed = binary_closing(np.pad(read, 2 * reach), np.ones(2 * reach + 1, dtype=np.bool_))[
+        2 * reach : -2 * reach
+    ]
     tips = np.zeros(len(read), dtype=np.bool_)
     tips[:reach] = tips[-reach:] = True
     near = maximum_filter1d(read, 2 * reach + 1, mode="constant")

@@ -19,7 +19,6 @@ PARTS = 7
 BLURS_PX = (0.1, 0.2, 0.3, 0.4, 0.55, 0.7, 0.9, 1.2, 1.6)
 # Where the diameter is unknown: how wide the rope may be against its mask.
 SIZES = (0.8, 0.87, 0.94, 1.0, 1.07, 1.14)
-SATURATED = 255
 MARGIN_PX = 2.5
 ROUNDS = 3
 STEP = 0.01
@@ -47,13 +46,13 @@ def shaded_middles(
         grids: lines (N, 2), one sample a pixel, within a fraction of the width of the middle.
         radii_px: how large the rope's radius looks at each of their samples, (N,) each.
         known: whether these radii come from a known diameter.
-        view: with grey levels; without them the lines stay as they are.
+        view: with levels; without them the lines stay as they are.
         half_wave_px: half of the shortest wave that the line may show [px].
 
     Returns:
         Lines (N, 2) with one sample a pixel, in the same order.
     """
-    if view.grey is None or not grids:
+    if view.levels is None or not grids:
         return grids
     pixels, levels, inside = _around(view, max(float(r.max()) for r in radii_px))
     profile: _Profile | None = None
@@ -74,12 +73,12 @@ def shaded_middles(
 
 def _around(view: View, radius: float) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     """Pixels (N, 2) of the rope and beside it, their grey levels, and whether each counts as rope."""
-    assert view.grey is not None
+    assert view.levels is not None
     size = 2 * int(np.ceil(radius + MARGIN_PX)) + 1
     near = cv2.dilate(view.mask.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
     rows, columns = np.nonzero(near)
     pixels = np.stack([columns, rows], axis=-1).astype(np.float64)
-    return pixels, view.grey[near].astype(np.float64), view.mask[near]
+    return pixels, view.levels[near].astype(np.float64), view.mask[near]
 
 
 @dataclass(frozen=True)
@@ -98,7 +97,7 @@ class _Line:
         away = np.abs(sections.across) - radius[np.clip(sections.sample, 0, len(radius) - 1)]
         # What is rope beyond the section's own edge is another strand of it, and no background.
         mine = (sections.line == number) & (away < MARGIN_PX) & ~(inside & (away > 1.0))
-        mine &= levels < SATURATED
+        mine &= np.isfinite(levels)
         # Close to an end a section's window holds what hides the rope there.
         trim = min(END_RADII * float(np.median(radius)), len(radius) / 4)
         mine &= (sections.sample >= trim) & (sections.sample < len(radius) - trim)

@@ -56,7 +56,7 @@ def picture(offset: float, background: tuple[float, float], blur: float = 0.5) -
 
 def viewed(level: Floats) -> View:
     noise = np.random.default_rng(0).normal(0, 2, level.shape)
-    grey = np.clip(np.rint(level + noise), 0, 255).astype(np.uint8)
+    grey = np.clip(np.rint(level + noise), 0, 255).astype(np.float32)
     row, column = np.mgrid[:41, :80]
     mask = np.abs(row - ROW - SLOPE * column) <= RADIUS
     unread = np.zeros(level.shape, np.float32)
@@ -83,8 +83,8 @@ def test_the_middle_of_a_section_is_found_to_a_tenth_of_a_pixel(
         assert bright @ np.arange(41) / bright.sum() - ROW - offset - SLOPE * 40 < -0.3
 
 
-def test_without_grey_levels_lines_stay_as_they_are() -> None:
-    view = replace(viewed(picture(0.3, (12.0, 12.0))), grey=None)
+def test_without_levels_lines_stay_as_they_are() -> None:
+    view = replace(viewed(picture(0.3, (12.0, 12.0))), levels=None)
     line = centre_guess()
     (same,) = shaded_middles([line], [np.full(70, RADIUS)], True, view, 10.0)
     np.testing.assert_array_equal(same, line)
