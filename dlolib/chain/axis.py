@@ -16,8 +16,8 @@ from dlolib.types import Floats
 
 BRIDGE_STEP_M = 0.002
 STRAIGHT_M, OVERLAP_M = 0.01, 0.03
-HIDDEN_DOUBT, SEEN_DOUBT = 0.05, 0.003
-LARGEST_MISFIT = 0.03
+HIDDEN_DOUBT, SEEN_DOUBT = 0.1, 0.003
+LARGEST_MISFIT, LARGEST_BRIDGE_MISFIT = 0.03, 0.33
 BACK_SAMPLES = 10
 ALONG = 0.5
 
@@ -44,9 +44,9 @@ def assemble(
     """String ordered strands together and give every sample its arc length from the start.
 
     Hidden stretches are bridged by cubics for their length only. Where the measured length is within 3 %
-    of the known one, what is left of the difference is spread: hidden stretches are trusted to 5 %, seen
-    ones to 0.3 %. Else an end is out of sight, and arc length counts as measured from the end that is
-    held, or from the first that is seen.
+    of the known one (and within a third of what is hidden between two held ends), what is left of the
+    difference is spread: hidden stretches are trusted to 10 %, seen ones to 0.3 %. Else an end is out of
+    sight, and arc length counts as measured from the end that is held, or from the first that is seen.
 
     Args:
         strands: the visible stretches in camera axes, each from start to end, at least one.
@@ -66,7 +66,10 @@ def assemble(
     hidden = np.repeat([piece.hidden for piece in pieces], [len(piece.seen) for piece in pieces])
     step = np.linalg.norm(np.diff(points, axis=0), axis=1)
     measured = float(step.sum())
-    fitted = abs(measured - length_m) <= LARGEST_MISFIT * length_m
+    largest = LARGEST_MISFIT * length_m
+    if start is not None and end is not None:
+        largest += LARGEST_BRIDGE_MISFIT * float(step[hidden[1:] | hidden[:-1]].sum())
+    fitted = abs(measured - length_m) <= largest
     if fitted:
         step = _fitted(step, hidden[1:] | hidden[:-1], length_m)
     s = np.concatenate([[0.0], np.cumsum(step)])
