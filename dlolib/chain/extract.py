@@ -14,7 +14,7 @@ from dlolib.chain.axis import Axis, assemble
 from dlolib.chain.cloud import view_of_cloud
 from dlolib.chain.greedy import greedy_chain
 from dlolib.chain.join import joined
-from dlolib.chain.lift import lift
+from dlolib.chain.lift import Strand, lift
 from dlolib.chain.order import Anchor, in_order
 from dlolib.chain.segment import coverage, segment, without_specks
 from dlolib.chain.settings import ChainSettings
@@ -114,14 +114,10 @@ def chain_frame(
     """
     view = _view(frame, index, settings)
     lines, width = centre_lines(view.mask)
-    strands = lift(lines, width, view, index.rope.radius_m, settings)
     start, end = _anchors(frame, index)
-    strands = in_order(strands, start, end)
+    strands = _strands(lines, width, view, start, end, index.rope.radius_m, settings)
     if not strands:
         raise _no_rope(frame, "nothing in it is long and narrow and has depth")
-    on = joined(strands, width, view, start, end)
-    if on is not None:
-        strands = lift(on, width, view, index.rope.radius_m, settings)
     if start is None and end is None:
         tips = _world(np.array([strands[0].points_m[0], strands[-1].points_m[-1]]), index)
         if _starts_at_the_other(tips, previous):
@@ -147,6 +143,24 @@ def chain_frame(
         share,
         scatter,
     )
+
+
+def _strands(
+    lines: list[Floats],
+    width: float,
+    view: View,
+    start: Anchor | None,
+    end: Anchor | None,
+    radius_m: float,
+    settings: ChainSettings,
+) -> list[Strand]:
+    """What was seen of the rope, in order. How a cut skeleton goes on, a first and rough look tells."""
+    if len(lines) > 1:
+        rough = in_order(lift(lines, width, view, radius_m, settings, fine=False), start, end)
+        on = joined(rough, width, view, start, end) if rough else None
+        if on is not None:
+            return lift(on, width, view, radius_m, settings)
+    return in_order(lift(lines, width, view, radius_m, settings), start, end)
 
 
 def _view(frame: Frame, index: CaptureIndex, settings: ChainSettings) -> View:
