@@ -9,8 +9,8 @@ import numpy as np
 from dlolib.chain import FrameChain
 from dlolib.types import Floats
 
-# What a metre of difference in arc length counts beside a metre of distance, where strands come close.
-ARC_WEIGHT = 0.05
+# Where strands come close, a metre of difference in arc length beyond the first 20 mm counts as so many.
+ARC_WEIGHT, ARC_FREE_M = 0.1, 0.02
 WRONG_ORDER_M = 0.03
 COVERED_M, STRAY_M = 0.010, 0.010
 HIDDEN_MARGIN_M = 0.003
@@ -39,7 +39,8 @@ class Score:
 def score(chain: FrameChain, s_m: Floats, axis_m: Floats, visible: np.ndarray) -> Score:
     """Hold a chain against the true axis (N, 3) at arc lengths (N,)."""
     apart = np.linalg.norm(chain.xyz_m[:, None] - axis_m, axis=-1)
-    foot = np.argmin(apart**2 + (ARC_WEIGHT * (chain.s_m[:, None] - s_m)) ** 2, axis=1)
+    elsewhere = np.maximum(np.abs(chain.s_m[:, None] - s_m) - ARC_FREE_M, 0.0)
+    foot = np.argmin(apart**2 + (ARC_WEIGHT * elsewhere) ** 2, axis=1)
     true = s_m[foot]
     at = np.stack([np.interp(chain.s_m, s_m, axis_m[:, k]) for k in range(3)], axis=-1)
     step = np.diff(chain.s_m)

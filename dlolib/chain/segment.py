@@ -16,7 +16,8 @@ from dlolib.types import CaptureIndex
 
 SMALLEST_PX = 20
 SHADE, PLATEAU = 0.25, 0.75
-THICK = 1.7
+# Two strands that cross at a small angle lie side by side.
+THICK = 2.3
 # Share of the rope's outline, length times diameter, that a mask may have and be a rope of this size.
 LEAST_AREA, MOST_AREA = 0.15, 1.6
 MOST_OF_IMAGE = 0.25
