@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,8 @@ class Axis:
     """A dense line along the rope: s_m (M,), points_m (M, 3), seen (M,), pixel (M, 2), NaN where hidden.
 
     measured_m is the length as measured from start to end, hidden stretches included; fitted tells
-    whether s_m was brought to the rope's known length.
+    whether s_m was brought to the rope's known length. sigma_m (M, 2), the deviations of the depth
+    and across the line of sight where they were asked for, NaN where hidden.
     """
 
     s_m: Floats
@@ -36,6 +37,7 @@ class Axis:
     pixel: Floats
     measured_m: float
     fitted: bool
+    sigma_m: Floats | None = None
 
 
 def assemble(
@@ -75,7 +77,8 @@ def assemble(
     s = np.concatenate([[0.0], np.cumsum(step)])
     if start is None and end is not None and not fitted:
         s += length_m - s[-1]
-    return Axis(s, points, seen, pixel, measured, fitted)
+    sigma = np.concatenate([piece.sigma_m for piece in pieces])
+    return Axis(s, points, seen, pixel, measured, fitted, sigma if np.isfinite(sigma).any() else None)
 
 
 @dataclass(frozen=True)
@@ -84,6 +87,7 @@ class _Piece:
     pixel: Floats
     seen: NDArray[np.bool_]
     hidden: bool
+    sigma_m: Floats
 
 
 def _pieces(strands: list[Strand], start: Anchor | None, end: Anchor | None, bridge_m: float) -> list[_Piece]:
@@ -103,7 +107,10 @@ def _pieces(strands: list[Strand], start: Anchor | None, end: Anchor | None, bri
                     last.points_m[-1], _heading(last, -1), strand.points_m[0], _heading(strand, 0), bridge_m
                 )
             )
-        pieces.append(_Piece(strand.points_m, strand.pixel, strand.seen, hidden=False))
+        sigma = np.full((len(strand.seen), 2), np.nan)
+        if strand.depth_sigma_m is not None and strand.across_sigma_m is not None:
+            sigma = np.stack([strand.depth_sigma_m, strand.across_sigma_m], axis=-1)
+        pieces.append(_Piece(strand.points_m, strand.pixel, strand.seen, False, sigma))
     if end is not None:
         last = strands[-1]
         anchor = _beside(end, last.points_m[-1])
@@ -135,7 +142,8 @@ def _bridge(
     share = share[0 if keep == "first" else 1 : len(share) if keep == "last" else -1]
     points = np.asarray(curve(share), dtype=np.float64).reshape(-1, 3)
     seen = np.full(len(points), gap <= bridge_m)
-    return _Piece(points, np.full((len(points), 2), np.nan), seen, hidden=gap > bridge_m)
+    unknown = np.full((len(points), 2), np.nan)
+    return _Piece(points, unknown, seen, gap > bridge_m, unknown)
 
 
 def _heading(strand: Strand, at: int) -> Floats:
@@ -163,9 +171,7 @@ def _without_overlap(strands: list[Strand]) -> list[Strand]:
 
 
 def _from(strand: Strand, first: int) -> Strand:
-    return replace(
-        strand, pixel=strand.pixel[first:], points_m=strand.points_m[first:], seen=strand.seen[first:]
-    )
+    return strand.part(slice(first, None))
 
 
 def _turned(strands: list[Strand]) -> list[Strand]:

@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_closing, maximum_filter1d
 from scipy.spatial import cKDTree
 
 from dlolib.chain.centre import Sections, centred_lines, tangents
 from dlolib.chain.settings import ChainSettings
-from dlolib.chain.shading import shaded_middles
-from dlolib.chain.smooth import whittaker
+from dlolib.chain.shading import LARGEST_ERROR_PX, shaded_middles
+from dlolib.chain.sight import bridged, contested, whole
+from dlolib.chain.smooth import noise_gain, whittaker
 from dlolib.chain.view import View
 from dlolib.types import Floats
 
@@ -22,7 +22,6 @@ SMALLEST_SIGMA_M = 5e-4
 INTERIOR_SHARE = 0.8
 # An outline tells a section's middle better than a few depth readings its distance: less smoothing.
 LATERAL = 0.5
-APART_WIDTHS = 3.0
 
 
 @dataclass(frozen=True)
@@ -30,17 +29,33 @@ class Strand:
     """An unbroken stretch of the rope as it was seen, in camera axes, about one sample a pixel.
 
     pixel (N, 2); points_m (N, 3), on the axis where the radius is known, else on the skin; seen (N,),
-    False where no depth was read nearby; sigma_m, the scatter of single depth readings about it.
+    False where no depth was read nearby; sigma_m, the scatter of single depth readings about it;
+    depth_sigma_m (N,), what smoothing leaves of that scatter, where it was asked for; across_sigma_m (N,),
+    the standard error of its place across the line of sight, by the light.
     """
 
     pixel: Floats
     points_m: Floats
     seen: NDArray[np.bool_]
     sigma_m: float
+    depth_sigma_m: Floats | None = None
+    across_sigma_m: Floats | None = None
 
     def turned(self) -> Strand:
         """The same stretch the other way round."""
-        return replace(self, pixel=self.pixel[::-1], points_m=self.points_m[::-1], seen=self.seen[::-1])
+        return self.part(slice(None, None, -1))
+
+    def part(self, which: slice) -> Strand:
+        """Some of its samples."""
+        depth, across = self.depth_sigma_m, self.across_sigma_m
+        return replace(
+            self,
+            pixel=self.pixel[which],
+            points_m=self.points_m[which],
+            seen=self.seen[which],
+            depth_sigma_m=None if depth is None else depth[which],
+            across_sigma_m=None if across is None else across[which],
+        )
 
 
 def lift(
@@ -66,20 +81,24 @@ def lift(
         return []
     half_wave = max(LATERAL * settings.smooth_m / pitch, width)
     grids = centred_lines(lines, width, view, half_wave)
+    errors = [np.full(len(grid), LARGEST_ERROR_PX) for grid in grids]
     cloud = _cloud(view)
     if fine:
         radii = _radii(grids, cloud, width, view, radius_m)
-        grids = shaded_middles(grids, radii, radius_m > 0, view, half_wave)
+        grids, errors = shaded_middles(grids, radii, radius_m > 0, view, half_wave)
     readings = Sections.of(grids, view.pixel(cloud), width)
     strands = []
-    contested = _contested(grids, width)
+    beside = contested(grids, width)
+    full = whole(grids, view, width)
     for number, grid in enumerate(grids):
         mine = readings.line == number
         strand = _read_depth(
-            grid, readings.take(mine), cloud[mine], contested[number], view, radius_m, width, settings
+            grid, readings.take(mine), cloud[mine], beside[number], view, radius_m, width, settings
         )
         if strand is not None:
-            strands.append(strand)
+            across = errors[number] * strand.points_m[:, 2] / view.focal
+            seen = strand.seen & (full[number] | beside[number])
+            strands.append(replace(strand, seen=seen, across_sigma_m=across))
     return strands
 
 
@@ -97,19 +116,6 @@ def _radii(grids: list[Floats], cloud: Floats, width: float, view: View, radius_
             depth = _medians(readings.sample[mine], cloud[mine, 2], len(grid), block)
         radii.append(radius_m * view.focal / (depth + radius_m))
     return radii
-
-
-def _contested(grids: list[Floats], width: float) -> list[NDArray[np.bool_]]:
-    """Samples (N,) of each line that lie beside another strand: whose readings are there is not yet clear."""
-    places = np.concatenate(grids)
-    line = np.repeat(np.arange(len(grids)), [len(grid) for grid in grids])
-    close = cKDTree(places).query_pairs(width, output_type="ndarray")
-    first, second = close[:, 0], close[:, 1]
-    # Along one line samples are a pixel apart: only a loop brings distant ones together.
-    other = (line[first] != line[second]) | (np.abs(first - second) > APART_WIDTHS * width)
-    beside = np.zeros(len(places), dtype=np.bool_)
-    beside[close[other].ravel()] = True
-    return np.split(beside, np.cumsum([len(grid) for grid in grids])[:-1])
 
 
 def _cloud(view: View) -> Floats:
@@ -130,7 +136,7 @@ def _read_depth(
     grid: Floats,
     sections: Sections,
     cloud: Floats,
-    contested: NDArray[np.bool_],
+    beside: NDArray[np.bool_],
     view: View,
     radius_m: float,
     width: float,
@@ -152,7 +158,7 @@ def _read_depth(
     pitch = float(np.median(depth)) / view.focal
     slant = np.ones(len(grid))
     axis = depth
-    own = ~contested[sample]
+    own = ~beside[sample]
     if np.count_nonzero(own) < 4:
         own = np.ones(len(sample), dtype=np.bool_)
     curve = _medians(sample[own], depth[own], len(grid), max(settings.smooth_m / pitch, 3.0))
@@ -164,23 +170,11 @@ def _read_depth(
         curve, sigma, kept = _robust(sample, axis, curve, counting, settings.smooth_m / pitch)
         slant = _slant(view.space(grid, curve))
     reach = max(round(0.5 * settings.bridge_m / pitch), 1)
-    read = np.bincount(sample[kept], minlength=len(grid)) > 0
-    return Strand(grid, view.space(grid, curve), _bridged(read, contested, reach), sigma)
-
-
-def _bridged(read: NDArray[np.bool_], contested: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
-    """Samples (N,) with readings, or in a stretch of up to twice `reach` without; a wider one stays whole.
-
-    The outermost readings of a strand lie in the band that is left out: its tips may reach out as far,
-    unless another strand lies over them.
-    """
-    closed = binary_closing(np.pad(read, 2 * reach), np.ones(2 * reach + 1, dtype=np.bool_))[
-        2 * reach : -2 * reach
-    ]
-    tips = np.zeros(len(read), dtype=np.bool_)
-    tips[:reach] = tips[-reach:] = True
-    near = maximum_filter1d(read, 2 * reach + 1, mode="constant")
-    return np.asarray(closed | (tips & near & ~contested), dtype=np.bool_)
+    count = np.bincount(sample[kept], minlength=len(grid))
+    left = None
+    if settings.covariance:
+        left = sigma * noise_gain(count.astype(np.float64), settings.smooth_m / pitch)
+    return Strand(grid, view.space(grid, curve), bridged(count > 0, beside, reach), sigma, left)
 
 
 def _medians(sample: NDArray[np.intp], depth: Floats, count: int, half_wave: float) -> Floats:

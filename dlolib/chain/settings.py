@@ -25,6 +25,7 @@ class ChainSettings:
     edge_px: width of the band along the rope's outline where depth mixes with the background.
     smooth_m: half of the shortest wave that depth may show along the rope; noise below it goes.
     bridge_m: a hidden stretch up to this length is no gap. Longer ones leave a gap in the chain.
+    covariance: whether each point comes with its covariance, and the recording with its noise.
     min_seen: the least part of the rope's length that must be seen in a frame.
     """
 
@@ -38,6 +39,7 @@ class ChainSettings:
     smooth_m: float = 0.03
     bridge_m: float = 0.006
     min_seen: float = 0.2
+    covariance: bool = False
 
     def __post_init__(self) -> None:
         checks = {

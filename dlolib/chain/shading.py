@@ -35,7 +35,7 @@ LEAST_SHARE = 0.3
 
 def shaded_middles(
     grids: list[Floats], radii_px: list[Floats], known: bool, view: View, half_wave_px: float
-) -> list[Floats]:
+) -> tuple[list[Floats], list[Floats]]:
     """Move lines that lie near the middle of the rope to where its outline, not its light, is in the middle.
 
     How bright a matt body is under any distant lights, shadows on itself included, depends on its normal
@@ -53,10 +53,12 @@ def shaded_middles(
         half_wave_px: half of the shortest wave that the line may show [px].
 
     Returns:
-        Lines (N, 2) with one sample a pixel, in the same order.
+        Lines (N, 2) with one sample a pixel, in the same order; the standard error [px] (N,) of the middle
+        at each of their samples, a constant where light does not tell.
     """
+    errors = [np.full(len(grid), LARGEST_ERROR_PX) for grid in grids]
     if view.levels is None or not grids:
-        return grids
+        return grids, errors
     pixels, levels, inside = _around(view, max(float(r.max()) for r in radii_px))
     profile: _Profile | None = None
     for _ in range(ROUNDS):
@@ -65,13 +67,16 @@ def shaded_middles(
         lines = [_Line.of(sections, number, radii_px[number], levels, inside) for number in range(len(grids))]
         if profile is None:
             profile = _best_profile(lines, half_wave_px, (1.0,) if known else SIZES)
-        moved = [_moved(grid, line, profile, half_wave_px) for grid, line in zip(grids, lines, strict=True)]
-        radii_px = [
-            np.interp(np.linspace(0, 1, len(new)), np.linspace(0, 1, len(old)), old)
-            for new, old in zip(moved, radii_px, strict=True)
-        ]
-        grids = moved
-    return grids
+        both = [_moved(grid, line, profile, half_wave_px) for grid, line in zip(grids, lines, strict=True)]
+        grids = [grid for grid, _ in both]
+        radii_px = [_stretched(old, len(new)) for new, old in zip(grids, radii_px, strict=True)]
+        errors = [_stretched(error, len(grid)) for grid, error in both]
+    return grids, errors
+
+
+def _stretched(values: Floats, count: int) -> Floats:
+    """Values along a line that has been given other samples."""
+    return np.interp(np.linspace(0, 1, count), np.linspace(0, 1, len(values)), values)
 
 
 def _around(view: View, radius: float) -> tuple[Floats, Floats, NDArray[np.bool_]]:
@@ -224,16 +229,17 @@ def _downhill(misfit: Callable[[int], float], at: int, count: int) -> int:
     return at
 
 
-def _moved(grid: Floats, line: _Line, profile: _Profile, half_wave: float) -> Floats:
+def _moved(grid: Floats, line: _Line, profile: _Profile, half_wave: float) -> tuple[Floats, Floats]:
     fit = _fit(line, profile, half_wave)
     usable = (fit.error < LARGEST_ERROR_PX) & (np.abs(fit.offset) < LARGEST_SHIFT * 2 * line.radius)
     usable[[0, -1]] = False
     if usable.mean() < LEAST_SHARE:
-        return grid
+        return grid, np.full(len(grid), LARGEST_ERROR_PX)
     weights = np.where(usable, 1 / np.maximum(fit.error, 0.01) ** 2, 0.0)
     weights = np.minimum(weights, 4 * np.median(weights[usable]))
     tangent = tangents(grid)
     normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=-1)
     shift = whittaker(np.where(usable, fit.offset, 0.0), weights, half_wave)
     moved = grid + np.clip(shift, -0.5 * line.radius, 0.5 * line.radius)[:, None] * normal
-    return resampled(whittaker(moved, np.ones(len(moved)), half_wave))
+    error = np.interp(np.arange(len(grid)), np.flatnonzero(usable), fit.error[usable])
+    return resampled(whittaker(moved, np.ones(len(moved)), half_wave)), error

@@ -74,7 +74,8 @@ def test_the_middle_of_a_section_is_found_to_a_tenth_of_a_pixel(
     offset: float, background: tuple[float, float]
 ) -> None:
     level = picture(offset, background)
-    (moved,) = shaded_middles([centre_guess()], [np.full(70, RADIUS)], True, viewed(level), 10.0)
+    (moved,), (error,) = shaded_middles([centre_guess()], [np.full(70, RADIUS)], True, viewed(level), 10.0)
+    assert (error > 0).all() and error.max() < 0.15
     off = moved[:, 1] - ROW - offset - SLOPE * moved[:, 0]
     assert abs(off[5:-5].mean()) < 0.1
     # The yardstick can tell: by brightness the middle would lie elsewhere.
@@ -86,5 +87,5 @@ def test_the_middle_of_a_section_is_found_to_a_tenth_of_a_pixel(
 def test_without_levels_lines_stay_as_they_are() -> None:
     view = replace(viewed(picture(0.3, (12.0, 12.0))), levels=None)
     line = centre_guess()
-    (same,) = shaded_middles([line], [np.full(70, RADIUS)], True, view, 10.0)
+    (same,), _ = shaded_middles([line], [np.full(70, RADIUS)], True, view, 10.0)
     np.testing.assert_array_equal(same, line)
