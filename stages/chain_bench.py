@@ -8,13 +8,14 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
 import numpy as np
 
 from dlolib.chain import ChainSettings, FrameChain, chain_frame
+from dlolib.chain.uncertainty import noise_of
 from dlolib.errors import ChainError
 from dlolib.files import write_json
 from dlolib.params import Chain, load_block
@@ -28,6 +29,7 @@ HARD = ("pillar", "gripper", "crossing", "start_out_of_frame", "end_out_of_frame
 OTHER_AXIS_MM, HARD_AXIS_MM = 1.0, 1.5
 ARC_MM, HARD_ARC_MM = 3.0, 8.0
 FRAMES_A_SECOND = 30.0
+IN_ELLIPSOID, CHI2_3, LAG_TOLERANCE = (0.90, 0.98), 7.815, 0.2
 TIMED = ("clear", "crossing", "gripper")
 REPEATS = 3
 HOW = {
@@ -38,23 +40,28 @@ HOW = {
     "completeness": "share of the visible axis within 10 mm of the chain, mean of the frames",
     "stray": "points further than 10 mm from the axis",
     "invented": "points deeper than 3 mm in a hidden stretch",
+    "in_ellipsoid": "share of points whose 95 % ellipsoid holds the axis at their arc length",
+    "point_lag": "correlation of whitened errors of neighbours less the one of recording.json: noise",
+    "frame_lag": "the same from frame to frame",
 }
 
 
 @dataclass(frozen=True)
 class Row:
-    """The scores of a case's frames, and the CPU time of each [s] where it was measured."""
+    """The scores of a case's frames, the CPU time of each [s] where it was measured, and what correlation
+    from point to point and from frame to frame the chain foretells."""
 
     case: Case
     scores: list[Score]
     refused: list[str]
     hidden: tuple[float, float]
     cpu_s: float | None
+    correlation: tuple[float, float]
 
 
 def main(*names: str) -> None:
     """Measure all cases, or those named, which then are printed only."""
-    settings = ChainSettings(**load_block(Chain).model_dump())
+    settings = replace(ChainSettings(**load_block(Chain).model_dump()), covariance=True)
     rows = []
     for case in CASES:
         if names and case.name not in names:
@@ -78,10 +85,13 @@ def measure(case: Case, settings: ChainSettings) -> Row:
         except ChainError as error:
             refused.append(str(error))
             continue
-        scores.append(score(previous, shot.s_m, shot.axis_m, shot.visible))
+        scores.append(score(previous, shot.s_m, shot.axis_m, shot.visible, settings.points))
     hidden = [1 - float(shot.visible.mean()) for shot in shots]
     cpu = cpu_seconds(shots, settings) if case.name in TIMED and not refused else None
-    return Row(case, scores, refused, (min(hidden), max(hidden)), cpu)
+    spacing = shots[0].index.rope.length_m / (settings.points - 1)
+    noise = noise_of(np.eye(3)[None], settings.smooth_m, spacing)
+    foretold = (float(np.exp(-1 / noise.correlation_points)), float(np.exp(-1 / noise.correlation_frames)))
+    return Row(case, scores, refused, (min(hidden), max(hidden)), cpu, foretold)
 
 
 def cpu_seconds(shots: Sequence[Take], settings: ChainSettings) -> float:
@@ -91,7 +101,7 @@ def cpu_seconds(shots: Sequence[Take], settings: ChainSettings) -> float:
     for _ in range(REPEATS):
         begin = time.process_time()
         for shot in shots:
-            chain_frame(shot.frame, shot.index, settings)
+            chain_frame(shot.frame, shot.index, replace(settings, covariance=False))
         best = min(best, (time.process_time() - begin) / len(shots))
     return float(best)
 
@@ -113,6 +123,13 @@ def figures(row: Row) -> dict[str, Any]:
         "stray": _most(sum(one.stray for one in found), 0),
         "invented": _most(sum(one.invented for one in found), 0),
     }
+    squares = _all(one.squares for one in found)
+    held = float(np.mean(squares < CHI2_3)) if len(squares) else float("nan")
+    table["in_ellipsoid"] = _between(held, *IN_ELLIPSOID)
+    if found:
+        white = np.array([one.white for one in found])
+        for key, axis, foretold in zip(("point_lag", "frame_lag"), (1, 0), row.correlation, strict=True):
+            table[key] = _between(_lag_one(white, axis) - foretold, -LAG_TOLERANCE, LAG_TOLERANCE)
     if row.cpu_s is not None:
         table["frames_a_second"] = _least(1 / row.cpu_s, FRAMES_A_SECOND) | {
             "how": f"one over the CPU time of a frame, 640 x 576, one process, best of {REPEATS} rounds"
@@ -125,14 +142,24 @@ def figures(row: Row) -> dict[str, Any]:
 def lines(table: dict[str, Any]) -> Iterable[str]:
     """The table for a terminal; what misses its goal is marked."""
     keys = [*HOW, "frames_a_second"]
-    yield f"{'case':20s}" + "".join(f"{key:>17s}" for key in keys)
+    yield f"{'case':20s}" + "".join(f"{key:>16s}" for key in keys)
     for name, content in table.items():
         cells = [content["figures"].get(key) for key in keys]
         texts = [
             "" if cell is None else f"{cell['value']:.4g}{'' if cell['met'] else ' !'}" for cell in cells
         ]
-        yield f"{name:20s}" + "".join(f"{text:>17s}" for text in texts)
+        yield f"{name:20s}" + "".join(f"{text:>16s}" for text in texts)
     yield f"! misses its goal; {FRAMES} frames a case"
+
+
+def _lag_one(white: Any, axis: int) -> float:
+    """Correlation of neighbours along an axis of values (F, points, 3), over all that both are there."""
+    values = np.moveaxis(white, axis, 0)
+    return float(np.nanmean(values[:-1] * values[1:]) / np.nanmean(values**2))
+
+
+def _between(value: float, low: float, high: float) -> dict[str, Any]:
+    return {"value": _short(value), "goal": [low, high], "met": bool(low <= value <= high)}
 
 
 def _most(value: float, goal: float) -> dict[str, Any]:

@@ -22,7 +22,9 @@ class Score:
 
     place_m (K,): distance from where the axis is at the point's own arc length; spacing (K - 1,): distance
     of neighbours over the true one, less one; ordered; covered: share of the visible axis on the chain;
-    stray: points further than 10 mm away; invented: points deeper than 3 mm in a hidden stretch.
+    stray: points further than 10 mm away; invented: points deeper than 3 mm in a hidden stretch;
+    squares (K,): squared length of the error at the point's arc length, in units of its covariance; white
+    (points of a chain, 3): these errors made independent of direction, NaN where there is no point.
     """
 
     off_m: Floats
@@ -33,11 +35,12 @@ class Score:
     covered: float
     stray: int
     invented: int
-    hidden_share: float
+    squares: Floats
+    white: Floats
 
 
-def score(chain: FrameChain, s_m: Floats, axis_m: Floats, visible: np.ndarray) -> Score:
-    """Hold a chain against the true axis (N, 3) at arc lengths (N,)."""
+def score(chain: FrameChain, s_m: Floats, axis_m: Floats, visible: np.ndarray, points: int = 30) -> Score:
+    """Hold a chain of so many points against the true axis (N, 3) at arc lengths (N,)."""
     apart = np.linalg.norm(chain.xyz_m[:, None] - axis_m, axis=-1)
     elsewhere = np.maximum(np.abs(chain.s_m[:, None] - s_m) - ARC_FREE_M, 0.0)
     foot = np.argmin(apart**2 + (ARC_WEIGHT * elsewhere) ** 2, axis=1)
@@ -47,6 +50,10 @@ def score(chain: FrameChain, s_m: Floats, axis_m: Floats, visible: np.ndarray) -
     near = step < 1.5 * np.median(step)
     true_step = np.linalg.norm(np.diff(at, axis=0), axis=1)[near]
     spacing = np.linalg.norm(np.diff(chain.xyz_m, axis=0), axis=1)[near] / true_step - 1
+    white = np.full((len(chain.s_m), 3), np.nan)
+    if chain.covariance_m2 is not None:
+        root = np.linalg.cholesky(chain.covariance_m2)
+        white = np.linalg.solve(root, (chain.xyz_m - at)[..., None])[..., 0]
     ordered = bool((np.diff(true) > 0).all() and np.abs(true - chain.s_m).max() < WRONG_ORDER_M)
     return Score(
         apart[np.arange(len(foot)), foot],
@@ -57,8 +64,16 @@ def score(chain: FrameChain, s_m: Floats, axis_m: Floats, visible: np.ndarray) -
         _covered(chain, near, s_m, axis_m, visible),
         int((apart.min(axis=1) > STRAY_M).sum()),
         int(_deep(visible, s_m)[foot].sum()),
-        float(1 - visible.mean()),
+        np.sum(white**2, axis=1),
+        _in_places(white, chain.s_m, points, float(s_m[-1])),
     )
+
+
+def _in_places(values: Floats, s_m: Floats, points: int, length_m: float) -> Floats:
+    """Values (K, 3) of a chain's points in all its places (points, 3), NaN where there is none."""
+    grid = np.full((points, values.shape[1]), np.nan)
+    grid[np.clip(np.round(s_m / length_m * (points - 1)).astype(int), 0, points - 1)] = values
+    return grid
 
 
 def _covered(chain: FrameChain, near: np.ndarray, s_m: Floats, axis_m: Floats, visible: np.ndarray) -> float:

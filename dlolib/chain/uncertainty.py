@@ -20,7 +20,7 @@ UNKNOWN_DIAMETER_M = 0.01
 # Along the line of sight: what the smoothing leaves of the readings' scatter, which is not quite white.
 DEPTH_FACTOR, DEPTH_M = 1.0, 5e-5
 # Along the rope: a floor, a share of what its measured length was off, or of a way that nothing checked.
-ALONG_M, MISFIT_SHARE, WAY_SHARE = 4e-5, 0.35, 0.003
+ALONG_M, MISFIT_SHARE, WAY_SHARE = 4e-5, 0.25, 0.003
 # Smoothed over half waves of `smooth_m`, errors of neighbours go together over this share of it.
 CORRELATED_SHARE, CORRELATED_FRAMES = 1.25, 1.0
 
