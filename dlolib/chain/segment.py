@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -22,7 +23,7 @@ THICK = 2.3
 LEAST_AREA, MOST_AREA = 0.15, 1.6
 MOST_OF_IMAGE = 0.25
 # What is dark is so in hundreds of thousands of pixels: every so many tell its median as well.
-DARK_EVERY = 17
+DARK_EVERY = 4
 
 Levels = NDArray[np.float32]
 
@@ -132,7 +133,9 @@ def _bright(grey: Image, frame: Frame, settings: ChainSettings) -> Mask:
         return np.asarray(grey >= settings.threshold, dtype=np.bool_)
     level, binary = cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
     sure = np.asarray(binary > 0, dtype=np.bool_)
-    contrast = float(grey[sure].mean() - grey[~sure].mean()) if sure.any() and not sure.all() else 0.0
+    contrast = 0.0
+    if sure.any() and not sure.all():
+        contrast = float(cv2.mean(grey, binary)[0] - cv2.mean(grey, cv2.bitwise_not(binary))[0])
     if contrast < settings.min_contrast:
         raise ChainError(
             f"no rope: the bright part is only {contrast:.0f} grey levels above the rest (level {level:.0f})",
@@ -141,13 +144,29 @@ def _bright(grey: Image, frame: Frame, settings: ChainSettings) -> Mask:
             mend="remove the frame, or set chain.threshold or rope_color_hsv",
         )
     # Light from one side leaves the other side of the rope dark: what is connected may be much darker.
-    dark = float(np.median(grey[~sure][::DARK_EVERY]))
+    dark = _dark(grey, sure)
     lowest = dark + SHADE * (float(np.median(grey[sure])) - dark)
-    count, labels = cv2.connectedComponents((grey >= lowest).astype(np.uint8), connectivity=8)
-    rope = np.zeros(count, dtype=np.bool_)
-    rope[labels[sure]] = True
-    rope[0] = False
-    return np.asarray(rope[labels], dtype=np.bool_)
+    rope = np.asarray(grey >= lowest, dtype=np.bool_)
+    window = _window(rope)
+    count, labels = cv2.connectedComponents(rope[window].astype(np.uint8), connectivity=8)
+    kept = np.zeros(count, dtype=np.bool_)
+    kept[labels[sure[window]]] = True
+    kept[0] = False
+    rope[window] = kept[labels]
+    return rope
+
+
+def _dark(levels: NDArray[Any], rope: Mask) -> float:
+    """How bright it is beside the rope: the median of every so many pixels."""
+    some = np.s_[::DARK_EVERY, ::DARK_EVERY]
+    beside = levels[some][~rope[some]]
+    return float(np.median(beside)) if len(beside) else 0.0
+
+
+def _window(mask: Mask) -> tuple[slice, slice]:
+    """The part of an image where a mask (H, W) is, to search no more than that."""
+    left, top, width, height = cv2.boundingRect(mask.view(np.uint8))
+    return slice(top, top + height), slice(left, left + width)
 
 
 def coverage(found: Segmentation) -> NDArray[np.float32]:
@@ -162,7 +181,7 @@ def coverage(found: Segmentation) -> NDArray[np.float32]:
         return covered
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     window = np.s_[max(rows[0] - 1, 0) : rows[-1] + 2, max(columns[0] - 1, 0) : columns[-1] + 2]
-    dark = float(np.median(levels[~mask][::DARK_EVERY]))
+    dark = _dark(levels, mask)
     near, inside = np.minimum(levels[window], 255), mask[window]
     inner = cv2.dilate(near, np.ones((3, 3), np.uint8))[inside]
     share = (near[inside] - dark) / np.maximum(PLATEAU * (inner - dark), 1)
@@ -208,7 +227,12 @@ def _lacking(frame: Frame, problem: str, mend: str) -> ChainError:
 
 def without_specks(mask: Mask) -> Mask:
     """Keep the connected parts of a mask (H, W) that have 20 pixels or more."""
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
-    large = np.zeros(count, dtype=np.bool_)
-    large[1:] = stats[1:, cv2.CC_STAT_AREA] >= SMALLEST_PX
-    return np.asarray(large[labels], dtype=np.bool_)
+    cleaned = np.zeros_like(mask)
+    window = _window(np.ascontiguousarray(mask))
+    if mask.any():
+        part = mask[window].astype(np.uint8)
+        count, labels, stats, _ = cv2.connectedComponentsWithStats(part, connectivity=8)
+        large = np.zeros(count, dtype=np.bool_)
+        large[1:] = stats[1:, cv2.CC_STAT_AREA] >= SMALLEST_PX
+        cleaned[window] = large[labels]
+    return cleaned
