@@ -96,8 +96,11 @@ def _pieces(strands: list[Strand], start: Anchor | None, end: Anchor | None, bri
     if start is not None:
         first = strands[0]
         anchor = _beside(start, first.points_m[0])
+        # A held end may lie so far beyond what was seen, if the rope itself was seen there at all; inside the
+        # rope no place in a short gap is further away.
+        at_start = 0.5 * bridge_m * float(first.seen[0])
         pieces.append(
-            _bridge(anchor, start.tangent, first.points_m[0], _heading(first, 0), bridge_m, keep="first")
+            _bridge(anchor, start.tangent, first.points_m[0], _heading(first, 0), at_start, keep="first")
         )
     for number, strand in enumerate(strands):
         if number:
@@ -114,8 +117,9 @@ def _pieces(strands: list[Strand], start: Anchor | None, end: Anchor | None, bri
     if end is not None:
         last = strands[-1]
         anchor = _beside(end, last.points_m[-1])
+        at_end = 0.5 * bridge_m * float(last.seen[-1])
         pieces.append(
-            _bridge(last.points_m[-1], _heading(last, -1), anchor, end.tangent, bridge_m, keep="last")
+            _bridge(last.points_m[-1], _heading(last, -1), anchor, end.tangent, at_end, keep="last")
         )
     return pieces
 

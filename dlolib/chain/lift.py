@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from dlolib.chain.centre import Sections, centred_lines, tangents
 from dlolib.chain.settings import ChainSettings
 from dlolib.chain.shading import LARGEST_ERROR_PX, shaded_middles
-from dlolib.chain.sight import bridged, contested, whole
+from dlolib.chain.sight import both_sides, bridged, contested, whole
 from dlolib.chain.smooth import noise_gain, whittaker
 from dlolib.chain.view import View
 from dlolib.types import Floats
@@ -171,6 +171,7 @@ def _read_depth(
         slant = _slant(view.space(grid, curve))
     reach = max(round(0.5 * settings.bridge_m / pitch), 1)
     count = np.bincount(sample[kept], minlength=len(grid))
+    count[beside & ~both_sides(sample[kept], across[kept], len(grid))] = 0
     left = None
     if settings.covariance:
         left = sigma * noise_gain(count.astype(np.float64), settings.smooth_m / pitch)

@@ -50,6 +50,15 @@ def whole(grids: list[Floats], view: View, width: float) -> list[NDArray[np.bool
     ]
 
 
+def both_sides(sample: NDArray[np.intp], across: Floats, count: int) -> NDArray[np.bool_]:
+    """Samples (count,) with readings on both sides of the line: half under another, a strand has not."""
+    near = []
+    for side in (across < 0, across > 0):
+        read = np.bincount(sample[side], minlength=count) > 0
+        near.append(maximum_filter1d(read, SLIVER_SAMPLES, mode="constant"))
+    return np.asarray(near[0] & near[1], dtype=np.bool_)
+
+
 def bridged(read: NDArray[np.bool_], contested: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
     """Samples (N,) with readings, or in a stretch of up to twice `reach` without; a wider one stays whole.
 
