@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -95,6 +96,7 @@ def takes(case: Case, frames: int = FRAMES) -> Iterator[Take]:
         yield photograph(case, shape, camera, number)
 
 
+@cache
 def arcs(frames: int) -> Floats:
     """Shapes (frames, 61, 3) [m] of the laboratory's plastic rope, evenly over its default arc."""
     motion = arc_motion()
