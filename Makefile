@@ -63,6 +63,10 @@ solvers: .venv/installed ## the paper's iterative solver beside the direct one o
 bench: .venv/bench ## how fast and how right the rod is, beside its peers: reports/bench.json (15 minutes); KEYS=... for some
 	@python -m stages.bench $(KEYS)
 
+.PHONY: chain-bench
+chain-bench: .venv/installed ## the chain on rendered ropes of known axis: reports/chain_bench.json (8 minutes)
+	@python -m stages.chain_bench $(CASES)
+
 COUNT ?= 10000
 .PHONY: robustness
 robustness: .venv/installed ## COUNT=10000 random roll-outs of the rod: reports/robustness.json (half an hour)

@@ -95,12 +95,16 @@ class Chain(Block):
     """From depth images to an ordered chain: `dlolib.chain.ChainSettings`."""
 
     points: Annotated[int, Field(ge=3, le=1000)]
+    segmentation: Literal["auto", "threshold", "local", "color", "background", "mask"]
     threshold: Annotated[int, Field(ge=1, le=254)] | None
     min_contrast: Annotated[float, Field(gt=0, le=255)]
+    background_levels: Annotated[float, Field(gt=0, le=255)]
+    background_depth_m: Annotated[float, Field(gt=0, lt=1)]
     edge_px: NotNegative
     smooth_m: Annotated[float, Field(gt=0, lt=1)]
     bridge_m: Annotated[float, Field(ge=0, lt=1)]
     min_seen: Annotated[float, Field(gt=0, le=1)]
+    covariance: bool
 
 
 class RecordingEntry(Block):

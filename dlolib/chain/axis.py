@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
+from scipy.ndimage import minimum_filter1d
 
+from dlolib.chain.centre import tangents
 from dlolib.chain.lift import Strand
-from dlolib.chain.order import Anchor
+from dlolib.chain.order import Anchor, length
 from dlolib.types import Floats
 
 BRIDGE_STEP_M = 0.002
 STRAIGHT_M, OVERLAP_M = 0.01, 0.03
-HIDDEN_DOUBT, SEEN_DOUBT = 0.05, 0.003
-LARGEST_MISFIT = 0.03
+HIDDEN_DOUBT, SEEN_DOUBT = 0.1, 0.003
+LARGEST_MISFIT, LARGEST_BRIDGE_MISFIT = 0.03, 0.33
 BACK_SAMPLES = 10
+ALONG = 0.5
 
 
 @dataclass(frozen=True)
@@ -24,7 +27,8 @@ class Axis:
     """A dense line along the rope: s_m (M,), points_m (M, 3), seen (M,), pixel (M, 2), NaN where hidden.
 
     measured_m is the length as measured from start to end, hidden stretches included; fitted tells
-    whether s_m was brought to the rope's known length.
+    whether s_m was brought to the rope's known length. sigma_m (M, 2), the deviations of the depth
+    and across the line of sight where they were asked for, NaN where hidden.
     """
 
     s_m: Floats
@@ -33,6 +37,7 @@ class Axis:
     pixel: Floats
     measured_m: float
     fitted: bool
+    sigma_m: Floats | None = None
 
 
 def assemble(
@@ -41,9 +46,9 @@ def assemble(
     """String ordered strands together and give every sample its arc length from the start.
 
     Hidden stretches are bridged by cubics for their length only. Where the measured length is within 3 %
-    of the known one, what is left of the difference is spread: hidden stretches are trusted to 5 %, seen
-    ones to 0.3 %. Else an end is out of sight, and arc length counts as measured from the end that is
-    held, or from the first that is seen.
+    of the known one (and within a third of what is hidden between two held ends), what is left of the
+    difference is spread: hidden stretches are trusted to 10 %, seen ones to 0.3 %. Else an end is out of
+    sight, and arc length counts as measured from the end that is held, or from the first that is seen.
 
     Args:
         strands: the visible stretches in camera axes, each from start to end, at least one.
@@ -52,9 +57,9 @@ def assemble(
         bridge_m: the longest stretch that counts as seen though nothing was read in it.
     """
     if start is not None:
-        strands = _cut_before(strands, start)
+        strands = _cut_before(strands, start, length_m)
     if end is not None:
-        strands = _turned(_cut_before(_turned(strands), Anchor(end.place_m, -end.tangent)))
+        strands = _turned(_cut_before(_turned(strands), Anchor(end.place_m, -end.tangent), length_m))
     pieces = _pieces(_without_overlap(strands), start, end, bridge_m)
     points, pixel = (
         np.concatenate([getattr(piece, name) for piece in pieces]) for name in ("points_m", "pixel")
@@ -63,13 +68,17 @@ def assemble(
     hidden = np.repeat([piece.hidden for piece in pieces], [len(piece.seen) for piece in pieces])
     step = np.linalg.norm(np.diff(points, axis=0), axis=1)
     measured = float(step.sum())
-    fitted = abs(measured - length_m) <= LARGEST_MISFIT * length_m
+    largest = LARGEST_MISFIT * length_m
+    if start is not None and end is not None:
+        largest += LARGEST_BRIDGE_MISFIT * float(step[hidden[1:] | hidden[:-1]].sum())
+    fitted = abs(measured - length_m) <= largest
     if fitted:
         step = _fitted(step, hidden[1:] | hidden[:-1], length_m)
     s = np.concatenate([[0.0], np.cumsum(step)])
     if start is None and end is not None and not fitted:
         s += length_m - s[-1]
-    return Axis(s, points, seen, pixel, measured, fitted)
+    sigma = np.concatenate([piece.sigma_m for piece in pieces])
+    return Axis(s, points, seen, pixel, measured, fitted, sigma if np.isfinite(sigma).any() else None)
 
 
 @dataclass(frozen=True)
@@ -78,6 +87,7 @@ class _Piece:
     pixel: Floats
     seen: NDArray[np.bool_]
     hidden: bool
+    sigma_m: Floats
 
 
 def _pieces(strands: list[Strand], start: Anchor | None, end: Anchor | None, bridge_m: float) -> list[_Piece]:
@@ -86,8 +96,11 @@ def _pieces(strands: list[Strand], start: Anchor | None, end: Anchor | None, bri
     if start is not None:
         first = strands[0]
         anchor = _beside(start, first.points_m[0])
+        # A held end may lie so far beyond what was seen, if the rope itself was seen there at all; inside the
+        # rope no place in a short gap is further away.
+        at_start = 0.5 * bridge_m * float(first.seen[0])
         pieces.append(
-            _bridge(anchor, start.tangent, first.points_m[0], _heading(first, 0), bridge_m, keep="first")
+            _bridge(anchor, start.tangent, first.points_m[0], _heading(first, 0), at_start, keep="first")
         )
     for number, strand in enumerate(strands):
         if number:
@@ -97,12 +110,16 @@ def _pieces(strands: list[Strand], start: Anchor | None, end: Anchor | None, bri
                     last.points_m[-1], _heading(last, -1), strand.points_m[0], _heading(strand, 0), bridge_m
                 )
             )
-        pieces.append(_Piece(strand.points_m, strand.pixel, strand.seen, hidden=False))
+        sigma = np.full((len(strand.seen), 2), np.nan)
+        if strand.depth_sigma_m is not None and strand.across_sigma_m is not None:
+            sigma = np.stack([strand.depth_sigma_m, strand.across_sigma_m], axis=-1)
+        pieces.append(_Piece(strand.points_m, strand.pixel, strand.seen, False, sigma))
     if end is not None:
         last = strands[-1]
         anchor = _beside(end, last.points_m[-1])
+        at_end = 0.5 * bridge_m * float(last.seen[-1])
         pieces.append(
-            _bridge(last.points_m[-1], _heading(last, -1), anchor, end.tangent, bridge_m, keep="last")
+            _bridge(last.points_m[-1], _heading(last, -1), anchor, end.tangent, at_end, keep="last")
         )
     return pieces
 
@@ -129,7 +146,8 @@ def _bridge(
     share = share[0 if keep == "first" else 1 : len(share) if keep == "last" else -1]
     points = np.asarray(curve(share), dtype=np.float64).reshape(-1, 3)
     seen = np.full(len(points), gap <= bridge_m)
-    return _Piece(points, np.full((len(points), 2), np.nan), seen, hidden=gap > bridge_m)
+    unknown = np.full((len(points), 2), np.nan)
+    return _Piece(points, unknown, seen, gap > bridge_m, unknown)
 
 
 def _heading(strand: Strand, at: int) -> Floats:
@@ -157,24 +175,35 @@ def _without_overlap(strands: list[Strand]) -> list[Strand]:
 
 
 def _from(strand: Strand, first: int) -> Strand:
-    return replace(
-        strand, pixel=strand.pixel[first:], points_m=strand.points_m[first:], seen=strand.seen[first:]
-    )
+    return strand.part(slice(first, None))
 
 
 def _turned(strands: list[Strand]) -> list[Strand]:
     return [strand.turned() for strand in strands[::-1]]
 
 
-def _cut_before(strands: list[Strand], anchor: Anchor) -> list[Strand]:
-    """Leave out what lies before a held start: the rope's tail on the other side of the clamp."""
+def _cut_before(strands: list[Strand], anchor: Anchor, length_m: float) -> list[Strand]:
+    """Leave out what lies before a held start: the rope's tail on the other side of the clamp.
+
+    A rope with a loop may pass by its own clamp: of all passes in the clamp's direction, the one counts
+    that leaves the length which is known.
+    """
     first = strands[0]
     offset = first.points_m - anchor.place_m
     distance = np.linalg.norm(offset, axis=1)
-    nearest = int(np.argmin(distance))
+    along = tangents(first.points_m) @ anchor.tangent > ALONG
+    passing = (
+        along & (distance <= minimum_filter1d(distance, 2 * BACK_SAMPLES + 1)) & (distance <= STRAIGHT_M)
+    )
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(first.points_m, axis=0), axis=1))])
+    rest = way[-1] - way + sum(length(strand) for strand in strands[1:])
+    if not passing.any():
+        return strands
+    nearest = min(np.flatnonzero(passing), key=lambda at: abs(float(rest[at]) - length_m))
     before = offset @ anchor.tangent < 0
     before[nearest + 1 :] = False
-    if distance[nearest] > STRAIGHT_M or not before.any():
+    before[: max(nearest - round(STRAIGHT_M / max(way[-1] / len(way), 1e-9)), 0)] = False
+    if not before.any():
         return strands
     cut = int(np.flatnonzero(before)[-1]) + 1
     if len(first.points_m) - cut < 2:

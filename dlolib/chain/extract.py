@@ -3,52 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from dlolib.captures.base import Frame, Source
-from dlolib.chain.axis import Axis, assemble
-from dlolib.chain.cloud import view_of_cloud
-from dlolib.chain.greedy import greedy_chain
-from dlolib.chain.lift import lift
-from dlolib.chain.order import Anchor, in_order
-from dlolib.chain.segment import coverage, grey_levels, rope_mask, without_specks
+from dlolib.captures.base import Source
+from dlolib.chain.frame import FrameChain, chain_frame
 from dlolib.chain.settings import ChainSettings
-from dlolib.chain.skeleton import centre_lines
-from dlolib.chain.view import View
-from dlolib.errors import ChainError
-from dlolib.formats import interpolate_motion
+from dlolib.chain.uncertainty import noise_of
 from dlolib.progress import track
 from dlolib.types import CaptureIndex, Floats, Motion, Points, Recording
-
-TANGENT = np.array([0.0, 0.0, 1.0])
-
-
-@dataclass(frozen=True)
-class FrameChain:
-    """The chain of one frame and how far it can be trusted. World axes.
-
-    s_m (K,), xyz_m (K, 3) and pixel (K, 2), the points that were seen; line_s_m (M,), line_m (M, 3) and
-    line_seen (M,), the dense line they were sampled from. measured_m: length from end to end as
-    measured, hidden stretches bridged; fitted: whether it agreed with the rope's length, so that s_m was
-    brought to it; seen_share of the rope's length; depth_scatter_m, of single readings about the axis.
-    """
-
-    frame: int
-    t_s: float
-    s_m: Floats
-    xyz_m: Floats
-    pixel: Floats
-    line_s_m: Floats
-    line_m: Floats
-    line_seen: NDArray[np.bool_]
-    measured_m: float
-    fitted: bool
-    seen_share: float
-    depth_scatter_m: float
 
 
 @dataclass(frozen=True)
@@ -94,109 +58,7 @@ def extract_chain(source: Source, settings: ChainSettings | None = None) -> Chai
     chains: list[FrameChain] = []
     for frame in track(source.frames(), f"chain of {index.name}", len(index.frame)):
         chains.append(chain_frame(frame, index, settings, chains[-1] if chains else None))
-    return ChainResult(_recording(index, chains), tuple(chains))
-
-
-def chain_frame(
-    frame: Frame, index: CaptureIndex, settings: ChainSettings, previous: FrameChain | None = None
-) -> FrameChain:
-    """Perceive the rope in one frame, as `extract_chain` does: frame in, chain out.
-
-    Args:
-        frame: what the camera saw.
-        index: the camera, the rope and the motion of its held ends.
-        settings: as for `extract_chain`.
-        previous: the chain before, which tells the start of a rope with two free ends.
-
-    Raises:
-        ChainError: the frame shows no rope.
-    """
-    view = _view(frame, index, settings)
-    lines, width = centre_lines(view.mask)
-    strands = lift(lines, width, view, index.rope.radius_m, settings)
-    start, end = _anchors(frame, index)
-    strands = in_order(strands, start, end)
-    if not strands:
-        raise _no_rope(frame, "nothing in it is long and narrow and has depth")
-    if start is None and end is None:
-        tips = _world(np.array([strands[0].points_m[0], strands[-1].points_m[-1]]), index)
-        if _starts_at_the_other(tips, previous):
-            strands = [strand.turned() for strand in strands[::-1]]
-    axis = assemble(strands, start, end, index.rope.length_m, settings.bridge_m)
-    whole = index.rope.length_m if axis.fitted or start is not None or end is not None else axis.measured_m
-    share = _seen_share(axis, whole)
-    if share < settings.min_seen:
-        raise _no_rope(frame, f"only {share:.0%} of the rope is seen")
-    s_m, points, pixel = greedy_chain(axis, whole / (settings.points - 1), settings.points)
-    scatter = float(np.median([strand.sigma_m for strand in strands]))
-    return FrameChain(
-        frame.frame,
-        frame.t_s,
-        s_m,
-        _world(points, index),
-        pixel,
-        axis.s_m,
-        _world(axis.points_m, index),
-        axis.seen,
-        axis.measured_m,
-        axis.fitted,
-        share,
-        scatter,
-    )
-
-
-def _view(frame: Frame, index: CaptureIndex, settings: ChainSettings) -> View:
-    if frame.cloud_m is not None:
-        try:
-            view = view_of_cloud(frame.cloud_m)
-        except ChainError as error:
-            raise ChainError(error.problem, file=frame.file, mend=error.mend) from error
-        return replace(view, mask=without_specks(view.mask))
-    camera = index.camera
-    assert frame.depth_m is not None and camera.fx is not None and camera.fy is not None
-    assert camera.cx is not None and camera.cy is not None
-    mask = rope_mask(frame, index, settings)
-    covered = coverage(frame, index, mask)
-    grey = grey_levels(frame, index)
-    return View(mask, covered, frame.depth_m, camera.fx, camera.fy, camera.cx, camera.cy, grey)
-
-
-def _anchors(frame: Frame, index: CaptureIndex) -> tuple[Anchor | None, Anchor | None]:
-    """The held ends at the time of a frame, in camera axes."""
-    if index.motion is None:
-        return None, None
-    pose = interpolate_motion(index.motion, np.array([frame.t_s]))
-    held = (index.ends.start == "clamped", index.ends.end == "clamped")
-    places = ((pose.start_m[0], pose.start_q[0]), (pose.end_m[0], pose.end_q[0]))
-    start, end = (
-        _anchor(*place, index) if is_held else None for is_held, place in zip(held, places, strict=True)
-    )
-    return start, end
-
-
-def _anchor(place_m: Floats, quaternion: Floats, index: CaptureIndex) -> Anchor:
-    turn, camera_m = index.camera.world_from_camera[:3, :3], index.camera.world_from_camera[:3, 3]
-    tangent = Rotation.from_quat(quaternion, scalar_first=True).apply(TANGENT)
-    return Anchor((place_m - camera_m) @ turn, tangent @ turn)
-
-
-def _world(points_m: Floats, index: CaptureIndex) -> Floats:
-    view = index.camera.world_from_camera
-    world: Floats = points_m @ view[:3, :3].T + view[:3, 3]
-    return world
-
-
-def _starts_at_the_other(tips: Floats, previous: FrameChain | None) -> bool:
-    """Whether the second tip (2, 3) is the start: the one nearer to the previous start, or of smaller x."""
-    if previous is None:
-        return bool(tips[1, 0] < tips[0, 0])
-    near = np.linalg.norm(tips - previous.line_m[0], axis=1)
-    return bool(near[1] < near[0])
-
-
-def _seen_share(axis: Axis, whole_m: float) -> float:
-    seen = axis.seen[1:] & axis.seen[:-1]
-    return float(min(np.diff(axis.s_m)[seen].sum() / whole_m, 1.0))
+    return ChainResult(_recording(index, chains, settings), tuple(chains))
 
 
 def _spacing_errors(frame: FrameChain) -> Floats:
@@ -211,22 +73,17 @@ def _spacing_errors(frame: FrameChain) -> Floats:
     return error
 
 
-def _no_rope(frame: Frame, why: str) -> ChainError:
-    return ChainError(
-        f"no rope found: {why}",
-        file=frame.file,
-        place=f"frame {frame.frame}",
-        mend="remove the frame from frames.csv, or set the block chain",
-    )
-
-
-def _recording(index: CaptureIndex, chains: list[FrameChain]) -> Recording:
+def _recording(index: CaptureIndex, chains: list[FrameChain], settings: ChainSettings) -> Recording:
     counts = [len(chain.s_m) for chain in chains]
+    given = [chain.covariance_m2 for chain in chains if chain.covariance_m2 is not None]
+    covariance = np.concatenate(given) if len(given) == len(chains) > 0 else None
+    spacing = index.rope.length_m / (settings.points - 1)
     points = Points(
         np.repeat(np.array([chain.frame for chain in chains], dtype=np.int64), counts),
         np.repeat(np.array([chain.t_s for chain in chains]), counts),
         np.concatenate([chain.s_m for chain in chains]),
         np.concatenate([chain.xyz_m for chain in chains]),
+        covariance,
     )
     return Recording(
         name=index.name,
@@ -243,6 +100,7 @@ def _recording(index: CaptureIndex, chains: list[FrameChain]) -> Recording:
         static_frames=index.static_frames,
         heldout_frames=index.heldout_frames,
         rate_hz=index.rate_hz,
+        noise=None if covariance is None else noise_of(covariance, settings.smooth_m, spacing),
     )
 
 

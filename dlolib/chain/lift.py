@@ -6,14 +6,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d
+from scipy.spatial import cKDTree
 
 from dlolib.chain.centre import Sections, centred_lines, tangents
 from dlolib.chain.settings import ChainSettings
-from dlolib.chain.shading import shaded_middles
-from dlolib.chain.smooth import whittaker
+from dlolib.chain.shading import LARGEST_ERROR_PX, shaded_middles
+from dlolib.chain.sight import both_sides, bridged, contested, whole
+from dlolib.chain.smooth import noise_gain, whittaker
 from dlolib.chain.view import View
-from dlolib.o3d import open3d
 from dlolib.types import Floats
 
 NEIGHBOURS, OUTLIER_RATIO = 12, 3.0
@@ -29,21 +29,42 @@ class Strand:
     """An unbroken stretch of the rope as it was seen, in camera axes, about one sample a pixel.
 
     pixel (N, 2); points_m (N, 3), on the axis where the radius is known, else on the skin; seen (N,),
-    False where no depth was read nearby; sigma_m, the scatter of single depth readings about it.
+    False where no depth was read nearby; sigma_m, the scatter of single depth readings about it;
+    depth_sigma_m (N,), what smoothing leaves of that scatter, where it was asked for; across_sigma_m (N,),
+    the standard error of its place across the line of sight, by the light.
     """
 
     pixel: Floats
     points_m: Floats
     seen: NDArray[np.bool_]
     sigma_m: float
+    depth_sigma_m: Floats | None = None
+    across_sigma_m: Floats | None = None
 
     def turned(self) -> Strand:
         """The same stretch the other way round."""
-        return replace(self, pixel=self.pixel[::-1], points_m=self.points_m[::-1], seen=self.seen[::-1])
+        return self.part(slice(None, None, -1))
+
+    def part(self, which: slice) -> Strand:
+        """Some of its samples."""
+        depth, across = self.depth_sigma_m, self.across_sigma_m
+        return replace(
+            self,
+            pixel=self.pixel[which],
+            points_m=self.points_m[which],
+            seen=self.seen[which],
+            depth_sigma_m=None if depth is None else depth[which],
+            across_sigma_m=None if across is None else across[which],
+        )
 
 
 def lift(
-    lines: list[Floats], width: float, view: View, radius_m: float, settings: ChainSettings
+    lines: list[Floats],
+    width: float,
+    view: View,
+    radius_m: float,
+    settings: ChainSettings,
+    fine: bool = True,
 ) -> list[Strand]:
     """Centre each skeleton line (K, 2) in its section, read its depth, and carry it into space.
 
@@ -53,22 +74,31 @@ def lift(
         view: mask, depth and optics.
         radius_m: the rope's radius [m]; 0 leaves the points on the skin.
         settings: edge band, smoothing and the longest stretch to bridge.
+        fine: whether light counts, which places a section within a tenth of a pixel but takes most time.
     """
     pitch = view.pitch()
     if not lines or pitch == 0:
         return []
     half_wave = max(LATERAL * settings.smooth_m / pitch, width)
     grids = centred_lines(lines, width, view, half_wave)
+    errors = [np.full(len(grid), LARGEST_ERROR_PX) for grid in grids]
     cloud = _cloud(view)
-    radii = _radii(grids, cloud, width, view, radius_m)
-    grids = shaded_middles(grids, radii, radius_m > 0, view, half_wave)
+    if fine:
+        radii = _radii(grids, cloud, width, view, radius_m)
+        grids, errors = shaded_middles(grids, radii, radius_m > 0, view, half_wave)
     readings = Sections.of(grids, view.pixel(cloud), width)
     strands = []
+    beside = contested(grids, width)
+    full = whole(grids, view, width)
     for number, grid in enumerate(grids):
         mine = readings.line == number
-        strand = _read_depth(grid, readings.take(mine), cloud[mine], view, radius_m, width, settings)
+        strand = _read_depth(
+            grid, readings.take(mine), cloud[mine], beside[number], view, radius_m, width, settings
+        )
         if strand is not None:
-            strands.append(strand)
+            across = errors[number] * strand.points_m[:, 2] / view.focal
+            seen = strand.seen & (full[number] | beside[number])
+            strands.append(replace(strand, seen=seen, across_sigma_m=across))
     return strands
 
 
@@ -90,21 +120,23 @@ def _radii(grids: list[Floats], cloud: Floats, width: float, view: View, radius_
 
 def _cloud(view: View) -> Floats:
     """The rope's pixels with depth as points [m] (N, 3) in camera axes, statistical outliers removed."""
-    height, width = view.depth_m.shape
-    intrinsic = open3d.camera.PinholeCameraIntrinsic(width, height, view.fx, view.fy, view.cx, view.cy)
-    depth = open3d.geometry.Image(np.where(view.mask, view.depth_m, np.float32(0)))  # type: ignore[call-overload]
-    cloud = open3d.geometry.PointCloud.create_from_depth_image(
-        depth, intrinsic, depth_scale=1.0, depth_trunc=1e6, project_valid_depth_only=True
-    )
-    if len(cloud.points) > NEIGHBOURS:
-        cloud, _ = cloud.remove_statistical_outlier(NEIGHBOURS, OUTLIER_RATIO)
-    return np.asarray(cloud.points, dtype=np.float64).reshape(-1, 3)
+    rows, columns = np.nonzero(view.mask)
+    depth = view.depth_m[rows, columns].astype(np.float64)
+    read = depth > 0
+    pixel = np.stack([columns, rows], axis=-1)[read].astype(np.float64)
+    cloud = view.space(pixel, depth[read])
+    if len(cloud) <= NEIGHBOURS:
+        return cloud
+    # As Open3D's `remove_statistical_outlier`, which takes thrice as long.
+    near = np.asarray(cKDTree(cloud).query(cloud, k=NEIGHBOURS)[0]).mean(axis=1)
+    return np.asarray(cloud[near < near.mean() + OUTLIER_RATIO * near.std(ddof=1)])
 
 
 def _read_depth(
     grid: Floats,
     sections: Sections,
     cloud: Floats,
+    beside: NDArray[np.bool_],
     view: View,
     radius_m: float,
     width: float,
@@ -114,7 +146,8 @@ def _read_depth(
 
     Each reading is carried from the skin to the axis first. Along the viewing ray the axis lies behind
     the skin by √(r² - b²) / sin γ, where b is the reading's distance from the middle of the section and
-    γ the angle between ray and rope. γ comes from the curve of the pass before.
+    γ the angle between ray and rope. γ comes from the curve of the pass before. Where two strands meet in
+    the image the readings are those of the nearer one: they count only once a curve without them agrees.
     """
     interior = max(min(0.5 * width - settings.edge_px, 0.5 * INTERIOR_SHARE * width), 0.6)
     middle = np.abs(sections.across) <= interior
@@ -125,39 +158,54 @@ def _read_depth(
     pitch = float(np.median(depth)) / view.focal
     slant = np.ones(len(grid))
     axis = depth
-    curve = _medians(sample, depth, len(grid), max(settings.smooth_m / pitch, 3.0))
-    for _ in range(PASSES):
+    own = ~beside[sample]
+    if np.count_nonzero(own) < 4:
+        own = np.ones(len(sample), dtype=np.bool_)
+    curve = _medians(sample[own], depth[own], len(grid), max(settings.smooth_m / pitch, 3.0))
+    for turn in range(PASSES):
         behind = np.sqrt(np.maximum(radius_m**2 - (across * pitch) ** 2, 0.0))
         ray = np.linalg.norm(cloud / depth[:, None], axis=1)
         axis = depth + behind / slant[sample] / ray
-        curve, sigma, kept = _robust(sample, axis, curve, settings.smooth_m / pitch)
+        counting = own if turn == 0 else np.ones_like(own)
+        curve, sigma, kept = _robust(sample, axis, curve, counting, settings.smooth_m / pitch)
         slant = _slant(view.space(grid, curve))
     reach = max(round(0.5 * settings.bridge_m / pitch), 1)
     count = np.bincount(sample[kept], minlength=len(grid))
-    seen = maximum_filter1d(count, 2 * reach + 1, mode="constant") > 0
-    return Strand(grid, view.space(grid, curve), np.asarray(seen), sigma)
+    count[beside & ~both_sides(sample[kept], across[kept], len(grid))] = 0
+    left = None
+    if settings.covariance:
+        left = sigma * noise_gain(count.astype(np.float64), settings.smooth_m / pitch)
+    return Strand(grid, view.space(grid, curve), bridged(count > 0, beside, reach), sigma, left)
 
 
 def _medians(sample: NDArray[np.intp], depth: Floats, count: int, half_wave: float) -> Floats:
     """A first depth along the line, shape (count,), that single wild readings do not move."""
     block = max(int(half_wave / 2), 1)
-    centres, values = [], []
-    for first in range(0, count, block):
-        inside = (sample >= first) & (sample < first + block)
-        if inside.any():
-            centres.append(first + 0.5 * (block - 1))
-            values.append(float(np.median(depth[inside])))
-    return np.interp(np.arange(count), centres, values)
+    order = np.argsort(sample, kind="stable")
+    bounds = np.searchsorted(sample[order], np.arange(0, count + block, block))
+    filled = np.flatnonzero(np.diff(bounds))
+    values = [_median(depth[order[bounds[k] : bounds[k + 1]]]) for k in filled]
+    return np.interp(np.arange(count), filled * block + 0.5 * (block - 1), values)
+
+
+def _median(values: Floats) -> float:
+    """`np.median` without its checks, which take longer than the sorting of a few."""
+    ordered = np.sort(values)
+    return float(0.5 * (ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]))
 
 
 def _robust(
-    sample: NDArray[np.intp], axis: Floats, curve: Floats, half_wave: float
+    sample: NDArray[np.intp],
+    axis: Floats,
+    curve: Floats,
+    counting: NDArray[np.bool_],
+    half_wave: float,
 ) -> tuple[Floats, float, NDArray[np.bool_]]:
     """Smooth the readings near the last curve (N,): the new curve, their scatter [m], which they were."""
     rest = axis - curve[sample]
-    rest = rest - np.median(rest)
-    sigma = max(1.4826 * float(np.median(np.abs(rest))), SMALLEST_SIGMA_M)
-    kept = np.abs(rest) <= 3 * sigma
+    rest = rest - np.median(rest[counting])
+    sigma = max(1.4826 * float(np.median(np.abs(rest[counting]))), SMALLEST_SIGMA_M)
+    kept = counting & (np.abs(rest) <= 3 * sigma)
     weights = np.bincount(sample[kept], minlength=len(curve)).astype(np.float64)
     sums = np.bincount(sample[kept], axis[kept], minlength=len(curve))
     return whittaker(sums / np.maximum(weights, 1), weights, half_wave), sigma, kept

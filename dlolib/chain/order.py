@@ -14,6 +14,7 @@ TURN_M = 0.05
 SKIP = 2.0
 DIRECTION_SAMPLES = 10
 BLUR_M = 0.004
+NEAR_BEFORE_M, AGAINST_M = 0.03, 0.03
 
 
 @dataclass(frozen=True)
@@ -24,13 +25,16 @@ class Anchor:
     tangent: Floats
 
 
-def in_order(strands: list[Strand], start: Anchor | None, end: Anchor | None) -> list[Strand]:
+def in_order(
+    strands: list[Strand], start: Anchor | None, end: Anchor | None, before_m: Floats | None = None
+) -> list[Strand]:
     """Order the strands along the rope and turn each to run from start to end.
 
     The best order is found exactly (the Held-Karp recursion over subsets): least total of what lies
     between, counted as the distance plus a price for turning, where leaving a strand out costs twice its
-    length. The held ends are known; with both ends free the direction is arbitrary. Anchors and strands
-    are in the same axes.
+    length. The held ends are known; with both ends free the direction is arbitrary. Where the rope was a
+    frame ago (a line before_m (M, 3), from start to end) settles what else is nearly even: to run along a
+    strand against it costs a little. All are in the same axes.
     """
     strands = sorted(strands, key=length, reverse=True)[:MOST_STRANDS]
     if not strands:
@@ -46,6 +50,10 @@ def in_order(strands: list[Strand], start: Anchor | None, end: Anchor | None) ->
         0.0 if end is None else _price(places[e], outward[e], end.place_m, end.tangent)
         for e in range(2 * count)
     ]
+    # Of a strand that is left through a tip, whichever way the rope came to it.
+    against = _against(places, before_m)
+    closing = [price + wrong for price, wrong in zip(closing, against, strict=True)]
+    between += against[:, None]
     exits = _held_karp(between, opening, closing, [SKIP * length(strand) for strand in strands])
     return [strands[e // 2] if e % 2 else strands[e // 2].turned() for e in exits]
 
@@ -64,6 +72,19 @@ def _tips(strands: list[Strand]) -> tuple[Floats, Floats]:
             places.append(strand.points_m[tip])
             outward.append(_unit(strand.points_m[tip] - strand.points_m[inner]))
     return np.array(places), np.array(outward)
+
+
+def _against(places: Floats, before_m: Floats | None) -> Floats:
+    """Price [m] (2S,) of leaving each strand through each tip, if the rope ran the other way a frame ago."""
+    price = np.zeros(len(places))
+    if before_m is None or len(before_m) < 2:
+        return price
+    apart = np.linalg.norm(places[:, None] - before_m, axis=-1)
+    nearest, near = apart.argmin(axis=1), apart.min(axis=1) < NEAR_BEFORE_M
+    for tip in range(len(places)):
+        if near[tip] and near[tip ^ 1] and nearest[tip] < nearest[tip ^ 1]:
+            price[tip] = AGAINST_M
+    return price
 
 
 def _link(places: Floats, outward: Floats, leave: int, enter: int) -> float:

@@ -1,51 +1,141 @@
-"""Which pixels are rope: line 2 of Algorithm 1, `Binarize`."""
+"""Which pixels are rope: line 2 of Algorithm 1, `Binarize`, and the other ways to tell."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from dlolib.captures.base import Frame, Image, Mask
+from dlolib.chain.contrast import background_mask, local_mask, rope_levels
 from dlolib.chain.settings import ChainSettings
 from dlolib.errors import ChainError
 from dlolib.types import CaptureIndex
 
 SMALLEST_PX = 20
 SHADE, PLATEAU = 0.25, 0.75
-THICK = 1.7
+# Two strands that cross at a small angle lie side by side.
+THICK = 2.3
+# Share of the rope's outline, length times diameter, that a mask may have and be a rope of this size.
+LEAST_AREA, MOST_AREA = 0.15, 1.6
+MOST_OF_IMAGE = 0.25
+# What is dark is so in hundreds of thousands of pixels: every so many tell its median as well.
+DARK_EVERY = 4
+
+Levels = NDArray[np.float32]
 
 
-def rope_mask(frame: Frame, index: CaptureIndex, settings: ChainSettings) -> Mask:
-    """The rope's pixels, shape (H, W).
+@dataclass(frozen=True)
+class Segmentation:
+    """The rope's pixels, shape (H, W), and the levels (H, W) in which the rope stands out, as light adds up.
 
-    From outside where the capture has masks, by colour where it names the rope's colour in OpenCV's HSV,
-    else by brightness, as in the paper: a white rope before black. Specks go, and so does whatever is
-    far thicker than the rope at its distance (a gripper's shine, a board), where the diameter is known.
+    levels is None where nothing but the mask is known, and infinite where a channel is saturated.
+    """
+
+    mask: Mask
+    levels: Levels | None
+
+
+def segment(frame: Frame, index: CaptureIndex, settings: ChainSettings) -> Segmentation:
+    """Find the rope in a frame in the way that the settings choose.
+
+    `threshold`: brightness, as in the paper, a white rope before black. `local`: whatever differs from what
+    is around it and is as narrow as a rope. `color`: the capture's `rope_color_hsv`. `background`: what
+    differs from the capture's images of the empty scene, in colour or by being nearer. `mask`: from outside.
+    `auto` takes the first that the capture offers: mask, colour, background; else the threshold, and where
+    what it finds cannot be the rope (a bright table, a pillar), the local difference.
+
+    Specks go, and so does whatever is far thicker than the rope at its distance (a gripper, a board), where
+    the diameter is known.
 
     Raises:
-        ChainError: nothing in the frame looks like a rope.
+        ChainError: nothing in the frame looks like a rope, or the capture lacks what the choice needs.
     """
-    if frame.mask is not None:
-        mask = frame.mask
-    elif frame.color is None:
+    way = settings.segmentation if settings.segmentation != "auto" else _offered(frame, index)
+    if way == "mask":
+        if frame.mask is None:
+            raise _lacking(frame, "has no mask", "add a column `mask` to frames.csv")
+        return Segmentation(_cleaned(frame.mask, frame, index), None)
+    if frame.color is None and way != "background":
         raise ChainError("has no color image", file=frame.file, mend="give color, or a mask")
-    elif index.rope_color_hsv is not None:
-        low, high = index.rope_color_hsv
-        hsv = cv2.cvtColor(frame.color, cv2.COLOR_RGB2HSV)
-        mask = np.asarray(cv2.inRange(hsv, np.array(low), np.array(high)) > 0)
-    else:
-        mask = _bright(frame.color, frame, settings)
-    return without_specks(_without_blocks(mask, frame, index))
+    if way == "color":
+        if index.rope_color_hsv is None:
+            raise _lacking(frame, "has no rope colour", "add `rope_color_hsv` to capture.json")
+        mask = _cleaned(_in_range(frame, index), frame, index)
+        return Segmentation(mask, rope_levels(frame.color, mask))
+    if way == "background":
+        mask = _cleaned(background_mask(frame, index, settings), frame, index)
+        return Segmentation(mask, rope_levels(frame.color, mask))
+    if way == "local":
+        return _local(frame, index)
+    if settings.segmentation == "threshold":
+        return _threshold(frame, index, settings)
+    return _either(frame, index, settings)
 
 
-def _bright(color: Image, frame: Frame, settings: ChainSettings) -> Mask:
-    grey = cv2.cvtColor(color, cv2.COLOR_RGB2GRAY)
+def _either(frame: Frame, index: CaptureIndex, settings: ChainSettings) -> Segmentation:
+    """By brightness, and where what that finds cannot be the rope, by the local difference."""
+    found, refusal = None, None
+    try:
+        found = _threshold(frame, index, settings)
+    except ChainError as error:
+        refusal = error
+    if found is not None and _is_rope_sized(found.mask, frame, index):
+        return found
+    try:
+        local = _local(frame, index)
+    except ChainError:
+        local = None
+    if local is not None and _is_rope_sized(local.mask, frame, index):
+        return local
+    if found is None:
+        assert refusal is not None
+        raise refusal
+    return found
+
+
+def _offered(frame: Frame, index: CaptureIndex) -> str:
+    if frame.mask is not None:
+        return "mask"
+    if index.rope_color_hsv is not None:
+        return "color"
+    if index.background_color is not None or index.background_depth is not None:
+        return "background"
+    return "either"
+
+
+def _threshold(frame: Frame, index: CaptureIndex, settings: ChainSettings) -> Segmentation:
+    assert frame.color is not None
+    grey = np.asarray(cv2.cvtColor(frame.color, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
+    mask = _cleaned(_bright(grey, frame, settings), frame, index)
+    levels = grey.astype(np.float32)
+    levels[grey == 255] = np.inf
+    return Segmentation(mask, levels)
+
+
+def _local(frame: Frame, index: CaptureIndex) -> Segmentation:
+    mask = _cleaned(local_mask(frame, index), frame, index)
+    return Segmentation(mask, rope_levels(frame.color, mask))
+
+
+def _in_range(frame: Frame, index: CaptureIndex) -> Mask:
+    assert frame.color is not None and index.rope_color_hsv is not None
+    low, high = index.rope_color_hsv
+    hsv = cv2.cvtColor(frame.color, cv2.COLOR_RGB2HSV)
+    return np.asarray(cv2.inRange(hsv, np.array(low), np.array(high)) > 0)
+
+
+def _bright(grey: Image, frame: Frame, settings: ChainSettings) -> Mask:
     if settings.threshold is not None:
         return np.asarray(grey >= settings.threshold, dtype=np.bool_)
     level, binary = cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
     sure = np.asarray(binary > 0, dtype=np.bool_)
-    contrast = float(grey[sure].mean() - grey[~sure].mean()) if sure.any() and not sure.all() else 0.0
+    contrast = 0.0
+    if sure.any() and not sure.all():
+        contrast = float(cv2.mean(grey, binary)[0] - cv2.mean(grey, cv2.bitwise_not(binary))[0])
     if contrast < settings.min_contrast:
         raise ChainError(
             f"no rope: the bright part is only {contrast:.0f} grey levels above the rest (level {level:.0f})",
@@ -54,37 +144,53 @@ def _bright(color: Image, frame: Frame, settings: ChainSettings) -> Mask:
             mend="remove the frame, or set chain.threshold or rope_color_hsv",
         )
     # Light from one side leaves the other side of the rope dark: what is connected may be much darker.
-    dark = float(np.median(grey[~sure]))
+    dark = _dark(grey, sure)
     lowest = dark + SHADE * (float(np.median(grey[sure])) - dark)
-    count, labels = cv2.connectedComponents((grey >= lowest).astype(np.uint8), connectivity=8)
-    rope = np.zeros(count, dtype=np.bool_)
-    rope[labels[sure]] = True
-    rope[0] = False
-    return np.asarray(rope[labels], dtype=np.bool_)
+    rope = np.asarray(grey >= lowest, dtype=np.bool_)
+    window = _window(rope)
+    count, labels = cv2.connectedComponents(rope[window].astype(np.uint8), connectivity=8)
+    kept = np.zeros(count, dtype=np.bool_)
+    kept[labels[sure[window]]] = True
+    kept[0] = False
+    rope[window] = kept[labels]
+    return rope
 
 
-def grey_levels(frame: Frame, index: CaptureIndex) -> Image | None:
-    """Brightness (H, W) where it tells rope from background; None with a mask or a colour from outside."""
-    if frame.color is None or frame.mask is not None or index.rope_color_hsv is not None:
-        return None
-    return np.asarray(cv2.cvtColor(frame.color, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
+def _dark(levels: NDArray[Any], rope: Mask) -> float:
+    """How bright it is beside the rope: the median of every so many pixels."""
+    some = np.s_[::DARK_EVERY, ::DARK_EVERY]
+    beside = levels[some][~rope[some]]
+    return float(np.median(beside)) if len(beside) else 0.0
 
 
-def coverage(frame: Frame, index: CaptureIndex, mask: Mask) -> NDArray[np.float32]:
+def _window(mask: Mask) -> tuple[slice, slice]:
+    """The part of an image where a mask (H, W) is, to search no more than that."""
+    left, top, width, height = cv2.boundingRect(mask.view(np.uint8))
+    return slice(top, top + height), slice(left, left + width)
+
+
+def coverage(found: Segmentation) -> NDArray[np.float32]:
     """How much of each pixel the rope covers, shape (H, W), 0 to 1; 1 on the mask where colour says nothing.
 
     A pixel on the outline is a mixture of rope and background. How bright the rope is there, its
     neighbour further in tells: so the lit side counts no more than the side in the shade.
     """
+    mask, levels = found.mask, found.levels
     covered = mask.astype(np.float32)
-    grey = grey_levels(frame, index)
-    if grey is None or mask.all():
+    if levels is None or mask.all() or not mask.any():
         return covered
-    dark = float(np.median(grey[~mask]))
-    inner = cv2.dilate(grey, np.ones((3, 3), np.uint8))[mask].astype(np.float32)
-    share = (grey[mask] - dark) / np.maximum(PLATEAU * (inner - dark), 1)
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    window = np.s_[max(rows[0] - 1, 0) : rows[-1] + 2, max(columns[0] - 1, 0) : columns[-1] + 2]
+    dark = _dark(levels, mask)
+    near, inside = np.minimum(levels[window], 255), mask[window]
+    inner = cv2.dilate(near, np.ones((3, 3), np.uint8))[inside]
+    share = (near[inside] - dark) / np.maximum(PLATEAU * (inner - dark), 1)
     covered[mask] = np.clip(share, 0, 1)
     return covered
+
+
+def _cleaned(mask: Mask, frame: Frame, index: CaptureIndex) -> Mask:
+    return without_specks(_without_blocks(mask, frame, index))
 
 
 def _without_blocks(mask: Mask, frame: Frame, index: CaptureIndex) -> Mask:
@@ -105,9 +211,28 @@ def _without_blocks(mask: Mask, frame: Frame, index: CaptureIndex) -> Mask:
     return np.asarray(mask & (cv2.dilate(blocks, grown) == 0), dtype=np.bool_)
 
 
+def _is_rope_sized(mask: Mask, frame: Frame, index: CaptureIndex) -> bool:
+    """Whether the mask's area, at its own distance, can be that of the rope's outline."""
+    focal, diameter = index.camera.fx, index.rope.diameter_m
+    if diameter is None or focal is None or frame.depth_m is None:
+        return bool(0 < mask.mean() < MOST_OF_IMAGE)
+    depth = frame.depth_m[mask]
+    area = float(((depth / focal) ** 2).sum()) / (index.rope.length_m * diameter)
+    return LEAST_AREA < area < MOST_AREA
+
+
+def _lacking(frame: Frame, problem: str, mend: str) -> ChainError:
+    return ChainError(problem, file=frame.file, place=f"frame {frame.frame}", mend=mend)
+
+
 def without_specks(mask: Mask) -> Mask:
     """Keep the connected parts of a mask (H, W) that have 20 pixels or more."""
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
-    large = np.zeros(count, dtype=np.bool_)
-    large[1:] = stats[1:, cv2.CC_STAT_AREA] >= SMALLEST_PX
-    return np.asarray(large[labels], dtype=np.bool_)
+    cleaned = np.zeros_like(mask)
+    window = _window(np.ascontiguousarray(mask))
+    if mask.any():
+        part = mask[window].astype(np.uint8)
+        count, labels, stats, _ = cv2.connectedComponentsWithStats(part, connectivity=8)
+        large = np.zeros(count, dtype=np.bool_)
+        large[1:] = stats[1:, cv2.CC_STAT_AREA] >= SMALLEST_PX
+        cleaned[window] = large[labels]
+    return cleaned

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
@@ -17,9 +19,11 @@ from dlolib.types import Floats
 # Of a section: background on either side, and five ways of light to lie on a round body.
 PARTS = 7
 BLURS_PX = (0.1, 0.2, 0.3, 0.4, 0.55, 0.7, 0.9, 1.2, 1.6)
+FIRST_BLUR, SEARCH_EVERY = 3, 2
+# A round that moves the line by less is the last.
+ENOUGH_PX = 0.03
 # Where the diameter is unknown: how wide the rope may be against its mask.
 SIZES = (0.8, 0.87, 0.94, 1.0, 1.07, 1.14)
-SATURATED = 255
 MARGIN_PX = 2.5
 ROUNDS = 3
 STEP = 0.01
@@ -33,7 +37,7 @@ LEAST_SHARE = 0.3
 
 def shaded_middles(
     grids: list[Floats], radii_px: list[Floats], known: bool, view: View, half_wave_px: float
-) -> list[Floats]:
+) -> tuple[list[Floats], list[Floats]]:
     """Move lines that lie near the middle of the rope to where its outline, not its light, is in the middle.
 
     How bright a matt body is under any distant lights, shadows on itself included, depends on its normal
@@ -47,14 +51,16 @@ def shaded_middles(
         grids: lines (N, 2), one sample a pixel, within a fraction of the width of the middle.
         radii_px: how large the rope's radius looks at each of their samples, (N,) each.
         known: whether these radii come from a known diameter.
-        view: with grey levels; without them the lines stay as they are.
+        view: with levels; without them the lines stay as they are.
         half_wave_px: half of the shortest wave that the line may show [px].
 
     Returns:
-        Lines (N, 2) with one sample a pixel, in the same order.
+        Lines (N, 2) with one sample a pixel, in the same order; the standard error [px] (N,) of the middle
+        at each of their samples, a constant where light does not tell.
     """
-    if view.grey is None or not grids:
-        return grids
+    errors = [np.full(len(grid), LARGEST_ERROR_PX) for grid in grids]
+    if view.levels is None or not grids:
+        return grids, errors
     pixels, levels, inside = _around(view, max(float(r.max()) for r in radii_px))
     profile: _Profile | None = None
     for _ in range(ROUNDS):
@@ -63,28 +69,35 @@ def shaded_middles(
         lines = [_Line.of(sections, number, radii_px[number], levels, inside) for number in range(len(grids))]
         if profile is None:
             profile = _best_profile(lines, half_wave_px, (1.0,) if known else SIZES)
-        moved = [_moved(grid, line, profile, half_wave_px) for grid, line in zip(grids, lines, strict=True)]
-        radii_px = [
-            np.interp(np.linspace(0, 1, len(new)), np.linspace(0, 1, len(old)), old)
-            for new, old in zip(moved, radii_px, strict=True)
-        ]
-        grids = moved
-    return grids
+        before = grids
+        both = [_moved(grid, line, profile, half_wave_px) for grid, line in zip(grids, lines, strict=True)]
+        grids = [grid for grid, _ in both]
+        radii_px = [_stretched(old, len(new)) for new, old in zip(grids, radii_px, strict=True)]
+        errors = [_stretched(error, len(grid)) for grid, error in both]
+        pairs = [(a, b) for a, b in zip(before, grids, strict=True) if len(a) == len(b)]
+        if len(pairs) == len(grids) and max(float(np.abs(a - b).max()) for a, b in pairs) < ENOUGH_PX:
+            break
+    return grids, errors
+
+
+def _stretched(values: Floats, count: int) -> Floats:
+    """Values along a line that has been given other samples."""
+    return np.interp(np.linspace(0, 1, count), np.linspace(0, 1, len(values)), values)
 
 
 def _around(view: View, radius: float) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     """Pixels (N, 2) of the rope and beside it, their grey levels, and whether each counts as rope."""
-    assert view.grey is not None
+    assert view.levels is not None
     size = 2 * int(np.ceil(radius + MARGIN_PX)) + 1
     near = cv2.dilate(view.mask.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
     rows, columns = np.nonzero(near)
     pixels = np.stack([columns, rows], axis=-1).astype(np.float64)
-    return pixels, view.grey[near].astype(np.float64), view.mask[near]
+    return pixels, view.levels[near].astype(np.float64), view.mask[near]
 
 
 @dataclass(frozen=True)
 class _Line:
-    """The pixels of one line's sections: sample, offset across [px], grey level; the radii (N,) [px]."""
+    """The pixels of one line's sections, by sample: offset across [px], level; the radii (N,) [px]."""
 
     sample: NDArray[np.intp]
     across: Floats
@@ -98,11 +111,17 @@ class _Line:
         away = np.abs(sections.across) - radius[np.clip(sections.sample, 0, len(radius) - 1)]
         # What is rope beyond the section's own edge is another strand of it, and no background.
         mine = (sections.line == number) & (away < MARGIN_PX) & ~(inside & (away > 1.0))
-        mine &= levels < SATURATED
+        mine &= np.isfinite(levels)
         # Close to an end a section's window holds what hides the rope there.
         trim = min(END_RADII * float(np.median(radius)), len(radius) / 4)
         mine &= (sections.sample >= trim) & (sections.sample < len(radius) - trim)
-        return _Line(sections.sample[mine], sections.across[mine], levels[mine], radius)
+        order = np.flatnonzero(mine)[np.argsort(sections.sample[mine], kind="stable")]
+        return _Line(sections.sample[order], sections.across[order], levels[order], radius)
+
+    def thinned(self, every: int) -> _Line:
+        """The pixels of every so many samples."""
+        some = self.sample % every == 0
+        return _Line(self.sample[some], self.across[some], self.level[some], self.radius)
 
 
 @dataclass(frozen=True)
@@ -147,34 +166,38 @@ def _fit(line: _Line, profile: _Profile, half_wave: float) -> _Fit:
     count = len(line.radius)
     radius = profile.size * line.radius[line.sample]
     parts, slopes = profile.at(line.across / radius)
-    window = 2 * int(0.5 * half_wave) + 1
+    half = int(0.5 * half_wave)
+    # Pixels are sorted by sample: sums over a window are differences of running sums.
+    low = np.searchsorted(line.sample, np.arange(count) - half)
+    high = np.searchsorted(line.sample, np.arange(count) + half + 1)
 
-    def summed(columns: Floats) -> Floats:
-        """Sums over each sample's window of the products of columns (P, K): (N, K, K)."""
-        size = columns.shape[1]
-        sums = np.stack(
-            [
-                np.bincount(line.sample, columns[:, a] * columns[:, b], minlength=count)
-                for a in range(size)
-                for b in range(size)
-            ],
-            axis=-1,
-        )
-        spread = uniform_filter1d(sums, window, axis=0, mode="constant") * window
-        return np.asarray(spread.reshape(count, size, size))
+    def summed(first: Floats, second: Floats) -> Floats:
+        """Sums over each sample's window of products (K, P): (N, K)."""
+        running = np.zeros((len(first), len(line.sample) + 1))
+        np.cumsum(first * second, axis=1, out=running[:, 1:])
+        return np.asarray((running[:, high] - running[:, low]).T)
 
-    first = summed(np.column_stack([parts, line.level]))
-    pixels = summed(np.ones((len(line.level), 1)))[:, 0, 0]
+    pixels = high - low
+    known = np.concatenate([parts.T, line.level[None]])
+    rows, columns = np.triu_indices(PARTS + 1)
+    # In the order parts, level, movement: the last is known only once the light is.
+    both = np.empty((count, PARTS + 2, PARTS + 2))
+    both[:, rows, columns] = both[:, columns, rows] = summed(known[rows], known[columns])
     prior = PRIOR * np.eye(PARTS)
-    light = np.linalg.solve(first[:, :PARTS, :PARTS] + prior, first[:, :PARTS, PARTS:])[..., 0]
+    light = np.linalg.solve(both[:, :PARTS, :PARTS] + prior, both[:, :PARTS, PARTS, None])[..., 0]
     # A section moved by d is bright as this one at across - d.
     moving = -np.einsum("pk,pk->p", slopes, light[line.sample]) / radius
-    both = summed(np.column_stack([parts, moving, line.level]))
-    system = both[:, :-1, :-1] + np.pad(prior, ((0, 1), (0, 1))) + 1e-6 * np.eye(PARTS + 1)
-    solved = np.linalg.solve(system, both[:, :-1, -1:])[..., 0]
-    inverse = np.linalg.inv(system)[:, PARTS, PARTS]
-    explained = np.einsum("nk,nk->n", solved, both[:, :-1, -1])
-    rest = np.maximum(both[:, -1, -1] - explained, 0) / np.maximum(pixels - PARTS - 1, 1)
+    both[:, :-1, -1] = both[:, -1, :-1] = summed(known, moving)
+    both[:, -1, -1] = summed(moving[None], moving)[:, 0]
+    unknown = [*range(PARTS), PARTS + 1]
+    system = both[:, unknown][:, :, unknown] + np.pad(prior, ((0, 1), (0, 1))) + 1e-6 * np.eye(PARTS + 1)
+    right = np.zeros((count, PARTS + 1, 2))
+    right[..., 0] = both[:, unknown, PARTS]
+    right[:, -1, 1] = 1
+    answer = np.linalg.solve(system, right)
+    solved, inverse = answer[..., 0], answer[:, -1, 1]
+    explained = np.einsum("nk,nk->n", solved, right[..., 0])
+    rest = np.maximum(both[:, PARTS, PARTS] - explained, 0) / np.maximum(pixels - PARTS - 1, 1)
     # Levels are whole numbers at best: nothing fits better than that.
     rest = np.maximum(rest, 1 / 12)
     rest = np.where(pixels > 3 * PARTS, rest, np.inf)
@@ -183,30 +206,53 @@ def _fit(line: _Line, profile: _Profile, half_wave: float) -> _Fit:
 
 
 def _best_profile(lines: list[_Line], half_wave: float, sizes: tuple[float, ...]) -> _Profile:
-    """The blur and the size under which the sections fit best."""
+    """The blur and the size under which the sections fit best, each sought with the other kept, downhill."""
     typical = float(np.median(np.concatenate([line.radius for line in lines])))
-    best: tuple[float, _Profile] | None = None
-    for size in sizes:
-        for blur in BLURS_PX:
-            profile = _Profile.of(blur / (size * typical), 1 / (size * typical), size)
+    # All sections show the same camera: every other one tells its sharpness.
+    lines = [line.thinned(SEARCH_EVERY) for line in lines]
+    tried: dict[tuple[int, int], tuple[float, _Profile]] = {}
+
+    def misfit(size: int, blur: int) -> float:
+        if (size, blur) not in tried:
+            radius = sizes[size] * typical
+            profile = _Profile.of(BLURS_PX[blur] / radius, 1 / radius, sizes[size])
             residual = np.concatenate([_fit(line, profile, half_wave).residual for line in lines])
-            value = float(np.median(residual))
-            if best is None or value < best[0]:
-                best = value, profile
-    assert best is not None
-    return best[1]
+            tried[size, blur] = float(np.median(residual)), profile
+        return tried[size, blur][0]
+
+    size, blur = len(sizes) // 2, FIRST_BLUR
+    for _ in range(ROUNDS):
+        blur = _downhill(partial(misfit, size), blur, len(BLURS_PX))
+        before = size
+        size = _downhill(partial(_swapped, misfit, blur), size, len(sizes))
+        if size == before:
+            break
+    return tried[size, blur][1]
 
 
-def _moved(grid: Floats, line: _Line, profile: _Profile, half_wave: float) -> Floats:
+def _swapped(misfit: Callable[[int, int], float], blur: int, size: int) -> float:
+    return misfit(size, blur)
+
+
+def _downhill(misfit: Callable[[int], float], at: int, count: int) -> int:
+    """The place of the nearest minimum among 0 to count - 1, from `at`."""
+    for step in (-1, 1):
+        while 0 <= at + step < count and misfit(at + step) < misfit(at):
+            at += step
+    return at
+
+
+def _moved(grid: Floats, line: _Line, profile: _Profile, half_wave: float) -> tuple[Floats, Floats]:
     fit = _fit(line, profile, half_wave)
     usable = (fit.error < LARGEST_ERROR_PX) & (np.abs(fit.offset) < LARGEST_SHIFT * 2 * line.radius)
     usable[[0, -1]] = False
     if usable.mean() < LEAST_SHARE:
-        return grid
+        return grid, np.full(len(grid), LARGEST_ERROR_PX)
     weights = np.where(usable, 1 / np.maximum(fit.error, 0.01) ** 2, 0.0)
     weights = np.minimum(weights, 4 * np.median(weights[usable]))
     tangent = tangents(grid)
     normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=-1)
     shift = whittaker(np.where(usable, fit.offset, 0.0), weights, half_wave)
     moved = grid + np.clip(shift, -0.5 * line.radius, 0.5 * line.radius)[:, None] * normal
-    return resampled(whittaker(moved, np.ones(len(moved)), half_wave))
+    error = np.interp(np.arange(len(grid)), np.flatnonzero(usable), fit.error[usable])
+    return resampled(whittaker(moved, np.ones(len(moved)), half_wave)), error

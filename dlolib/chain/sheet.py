@@ -13,7 +13,8 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from dlolib.captures.base import Frame, Image, Source
-from dlolib.chain.extract import ChainResult, FrameChain
+from dlolib.chain.extract import ChainResult
+from dlolib.chain.frame import FrameChain
 from dlolib.files import whole_file
 from dlolib.types import CaptureIndex, Floats
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +18,8 @@ HARRIS_BLOCK, HARRIS_APERTURE, HARRIS_K = 3, 3, 0.04
 PRUNINGS = 3
 SHORTEST_WIDTHS, SPUR_WIDTHS = 1.5, 1.5
 HOLE_WIDTHS = 2.0
+# Over so many widths to either side a rope turns by less than this angle: it bends no closer than 1.4 widths.
+KINK_WIDTHS, KINK_RAD = 1.5, 1.1
 
 
 def centre_lines(mask: Mask) -> tuple[list[Floats], float]:
@@ -43,7 +47,8 @@ def centre_lines(mask: Mask) -> tuple[list[Floats], float]:
         skeleton = _thinned(skeleton & ~spurs)
     _, forks = _corners(skeleton)
     apart = skeleton & ~_around(forks, 0.5 * width)
-    lines = [line for line in _ordered(apart) if len(line) >= SHORTEST_WIDTHS * width]
+    whole = [part for line in _ordered(apart) for part in _without_kinks(line, width)]
+    lines = [line for line in whole if len(line) >= SHORTEST_WIDTHS * width]
     return [line + np.array([left, top]) for line in lines], width
 
 
@@ -124,6 +129,29 @@ def _ordered(skeleton: Mask) -> list[Floats]:
             path.append(int(before[part, path[-1]]))
         lines.append(place[path[::-1]])
     return lines
+
+
+def _without_kinks(line: Floats, width: float) -> list[Floats]:
+    """The parts of a line (K, 2) between sharp turns.
+
+    Where something hides a crossing in part, two strands may meet in a V without a fork: no rope turns so.
+    """
+    arm = max(round(KINK_WIDTHS * width), 3)
+    if len(line) <= 2 * arm:
+        return [line]
+    before = line[arm:-arm] - line[: -2 * arm]
+    after = line[2 * arm :] - line[arm:-arm]
+    cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
+    turn = np.abs(np.arctan2(cross, np.einsum("ij,ij->i", before, after)))
+    kinks = []
+    while turn.max() > KINK_RAD:
+        place = int(np.argmax(turn))
+        turn[max(place - arm, 0) : place + arm + 1] = 0
+        kinks.append(place + arm)
+    half = max(round(0.5 * width), 1)
+    bounds = [-half, *sorted(kinks), len(line) + half]
+    parts = [line[a + half : b - half] for a, b in itertools.pairwise(bounds)]
+    return [part for part in parts if len(part) > 1]
 
 
 def _furthest(distance: Floats) -> NDArray[np.intp]:

@@ -35,6 +35,22 @@ def whittaker(readings: Floats, weights: Floats, half_wave: float) -> Floats:
     return np.asarray(smooth.reshape(readings.shape), dtype=np.float64)
 
 
+def noise_gain(weights: Floats, half_wave: float) -> Floats:
+    """Deviation (N,) of what `whittaker` gives where single readings of deviation 1 came `weights` a sample.
+
+    A sample's reading then is the mean of so many; the smoother is linear, so this is exact.
+    """
+    count = len(weights)
+    mean = max(float(weights.mean()), 1e-12)
+    if count <= ORDER:
+        return np.full(count, 1 / np.sqrt(max(mean, 1e-12)))
+    banded = (half_wave / np.pi) ** (2 * ORDER) * _penalty(count)
+    banded[-1] += weights / mean + 1e-9
+    response = solveh_banded(banded, np.eye(count), check_finite=False)
+    gain: Floats = np.sqrt((response**2) @ (weights / mean) / mean)
+    return gain
+
+
 def _penalty(count: int) -> Floats:
     """DᵀD of the third difference D, (4, count) in the upper banded form of scipy.linalg."""
     steps = np.array([(-1) ** (ORDER - k) * binom(ORDER, k) for k in range(ORDER + 1)])

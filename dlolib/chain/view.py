@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dlolib.captures.base import Depth, Image, Mask
+from dlolib.captures.base import Depth, Mask
 from dlolib.types import Floats
 
 
@@ -15,7 +15,8 @@ from dlolib.types import Floats
 class View:
     """What a pinhole camera saw of the rope: its mask, the share of each pixel that is rope, its depth [m].
 
-    All three are of shape (H, W); so are the grey levels, None where light does not tell rope from the rest.
+    All three are of shape (H, W); so are the levels in which the rope stands out,
+    linear in the light, infinite where saturated; None where light does not tell rope from the rest.
     """
 
     mask: Mask
@@ -25,7 +26,7 @@ class View:
     fy: float
     cx: float
     cy: float
-    grey: Image | None = None
+    levels: NDArray[np.float32] | None = None
 
     @property
     def focal(self) -> float:

@@ -72,12 +72,14 @@ def render(
     lost = (step > EDGE_STEP_M) & (rng.random(mixed.shape) < sensor.edge_loss)
     units = np.rint(noisy * float(camera.depth_scale or DEPTH_SCALE))
     units[lost | (share < 0.5)] = 0
-    level = 255 * _gather(shade)[..., None] + rng.normal(0, COLOR_NOISE, (*mixed.shape, 3))
+    bright = 255 * np.stack([_gather(channel) for channel in np.moveaxis(shade, -1, 0)], axis=-1)
+    light = 1 - scene.dim * np.linspace(0, 1, mixed.shape[1])[:, None]
+    level = light * bright + rng.normal(0, COLOR_NOISE, (*mixed.shape, 3))
     return np.clip(np.rint(level), 0, 255).astype(np.uint8), np.clip(units, 0, 65535).astype(np.uint16)
 
 
 def _cast(scene: Scene, camera: Camera) -> tuple[Floats, Floats]:
-    """Depth [m] (2H + 1, 2W + 1), infinite where nothing is, and brightness, half a pixel apart."""
+    """Depth [m] (2H + 1, 2W + 1), infinite where nothing is, and brightness (.., 3), half a pixel apart."""
     assert camera.width and camera.height and camera.fx and camera.fy
     columns = np.arange(2 * camera.width + 1) / 2 - 0.5
     rows = np.arange(2 * camera.height + 1) / 2 - 0.5
@@ -89,10 +91,10 @@ def _cast(scene: Scene, camera: Camera) -> tuple[Floats, Floats]:
     hit = scene.rays.cast_rays(open3d.core.Tensor.from_numpy(rays.astype(np.float32)))
     depth = hit["t_hit"].numpy().astype(float)
     seen = np.isfinite(depth)
-    shade = np.zeros_like(depth)
+    shade = np.zeros((*depth.shape, 3))
     triangle = scene.first[hit["geometry_ids"].numpy()[seen]] + hit["primitive_ids"].numpy()[seen]
     facing = np.abs(hit["primitive_normals"].numpy()[seen] @ LIGHT)
-    shade[seen] = scene.albedo[triangle] * (AMBIENT + (1 - AMBIENT) * facing)
+    shade[seen] = scene.albedo[triangle] * (AMBIENT + (1 - AMBIENT) * facing)[:, None]
     return depth, shade
 
 

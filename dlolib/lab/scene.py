@@ -28,16 +28,34 @@ FAR_M = 0.5
 
 
 @dataclass(frozen=True)
+class Look:
+    """What the rope and what is behind it look like: reflectances in red, green and blue.
+
+    rope, plate; dim: the share of light that is missing at the right edge of the image.
+    """
+
+    rope: tuple[float, float, float] = (ROPE, ROPE, ROPE)
+    plate: tuple[float, float, float] = (PLATE, PLATE, PLATE)
+    dim: float = 0.0
+
+
+@dataclass(frozen=True)
 class Scene:
-    """Open3D's RaycastingScene; first (G,) triangle of each mesh and albedo (triangles,) for colour."""
+    """Open3D's RaycastingScene; first (G,) triangle of each mesh and albedo (triangles, 3) for colour."""
 
     rays: Any
     first: Ints
     albedo: Floats
+    dim: float
 
 
 def build_scene(
-    xyz_m: Floats, radius_m: float, start: Pose, end: Pose, obstacles: tuple[Obstacle, ...] = ()
+    xyz_m: Floats,
+    radius_m: float,
+    start: Pose,
+    end: Pose,
+    obstacles: tuple[Obstacle, ...] = (),
+    look: Look | None = None,
 ) -> Scene:
     """Meshes of one moment.
 
@@ -47,9 +65,12 @@ def build_scene(
         start: where the wall's clamp holds the rope.
         end: where the gripper holds it; jaw and wrist reach away along the tangent.
         obstacles: planes among them stay unseen, for they have no end.
+        look: None for a white rope before a black plate.
     """
+    look = look or Look()
     tube, strands = _tube(xyz_m, radius_m)
-    meshes = [(tube, strands), (_plate(start.position_m), PLATE), (_held(start, CLAMP_BOX_M), CLAMP)]
+    meshes = [(tube, strands[:, None] * look.rope), (_plate(start.position_m), look.plate)]
+    meshes += [(_held(start, CLAMP_BOX_M), CLAMP)]
     meshes += [(_held(end, box), GRIPPER) for box in (JAW_BOX_M, WRIST_BOX_M)]
     meshes += [(_obstacle(one), OBSTACLE) for one in obstacles if one.shape in MESHES]
     scene = open3d.t.geometry.RaycastingScene()
@@ -57,13 +78,13 @@ def build_scene(
     for mesh, shade in meshes:
         scene.add_triangles(open3d.t.geometry.TriangleMesh.from_legacy(mesh))
         count = len(mesh.triangles)
-        albedo.append(np.broadcast_to(np.asarray(shade, dtype=float), (count,)))
+        albedo.append(np.broadcast_to(np.asarray(shade, dtype=float), (count, 3)))
         first.append(first[-1] + count)
-    return Scene(scene, np.array(first[:-1]), np.concatenate(albedo))
+    return Scene(scene, np.array(first[:-1]), np.concatenate(albedo), look.dim)
 
 
 def _tube(xyz: Floats, radius: float) -> tuple[Any, Floats]:
-    """A round tube around a spline through the points, and its triangles' albedo."""
+    """A round tube around a spline through the points, and how bright each triangle's strand is."""
     s = np.r_[0, np.cumsum(np.linalg.norm(np.diff(xyz, axis=0), axis=1))]
     spline = CubicSpline(s, xyz)
     along = np.linspace(0, s[-1], RINGS_PER_BODY * (len(xyz) - 1) + 1)
@@ -80,8 +101,8 @@ def _tube(xyz: Floats, radius: float) -> tuple[Any, Floats]:
     a, b = ring * SIDES + side, ring * SIDES + (side + 1) % SIDES
     faces = np.stack([a, b, a + SIDES, b, b + SIDES, a + SIDES], axis=-1).reshape(-1, 3)
     phase = 2 * np.pi * along[ring] / STRAND_PITCH_M + STRANDS * around[side]
-    albedo = ROPE * (1 - STRAND * (0.5 + 0.5 * np.sin(phase)))
-    return _mesh(rings.reshape(-1, 3), faces), np.repeat(albedo.ravel(), 2)
+    darker = 1 - STRAND * (0.5 + 0.5 * np.sin(phase))
+    return _mesh(rings.reshape(-1, 3), faces), np.repeat(darker.ravel(), 2)
 
 
 def _frames(tangents: Floats) -> tuple[Floats, Floats]:

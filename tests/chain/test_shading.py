@@ -56,7 +56,7 @@ def picture(offset: float, background: tuple[float, float], blur: float = 0.5) -
 
 def viewed(level: Floats) -> View:
     noise = np.random.default_rng(0).normal(0, 2, level.shape)
-    grey = np.clip(np.rint(level + noise), 0, 255).astype(np.uint8)
+    grey = np.clip(np.rint(level + noise), 0, 255).astype(np.float32)
     row, column = np.mgrid[:41, :80]
     mask = np.abs(row - ROW - SLOPE * column) <= RADIUS
     unread = np.zeros(level.shape, np.float32)
@@ -74,7 +74,8 @@ def test_the_middle_of_a_section_is_found_to_a_tenth_of_a_pixel(
     offset: float, background: tuple[float, float]
 ) -> None:
     level = picture(offset, background)
-    (moved,) = shaded_middles([centre_guess()], [np.full(70, RADIUS)], True, viewed(level), 10.0)
+    (moved,), (error,) = shaded_middles([centre_guess()], [np.full(70, RADIUS)], True, viewed(level), 10.0)
+    assert (error > 0).all() and error.max() < 0.15
     off = moved[:, 1] - ROW - offset - SLOPE * moved[:, 0]
     assert abs(off[5:-5].mean()) < 0.1
     # The yardstick can tell: by brightness the middle would lie elsewhere.
@@ -83,8 +84,8 @@ def test_the_middle_of_a_section_is_found_to_a_tenth_of_a_pixel(
         assert bright @ np.arange(41) / bright.sum() - ROW - offset - SLOPE * 40 < -0.3
 
 
-def test_without_grey_levels_lines_stay_as_they_are() -> None:
-    view = replace(viewed(picture(0.3, (12.0, 12.0))), grey=None)
+def test_without_levels_lines_stay_as_they_are() -> None:
+    view = replace(viewed(picture(0.3, (12.0, 12.0))), levels=None)
     line = centre_guess()
-    (same,) = shaded_middles([line], [np.full(70, RADIUS)], True, view, 10.0)
+    (same,), _ = shaded_middles([line], [np.full(70, RADIUS)], True, view, 10.0)
     np.testing.assert_array_equal(same, line)

@@ -1,0 +1,137 @@
+"""The rope by what it differs from: what is around it, or the empty scene."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dlolib.captures.base import Depth, Frame, Image, Mask
+from dlolib.captures.pictures import read_color, read_depth
+from dlolib.chain.settings import ChainSettings
+from dlolib.errors import ChainError
+from dlolib.types import Camera, CaptureIndex
+
+# A window in which a rope that runs through its middle is in the minority, in widths of the rope.
+WINDOW_WIDTHS = 3.0
+UNKNOWN_WIDTH_PX, LARGEST_WINDOW_PX = 12.0, 101
+LEAST_DIFFERENCE = 12.0
+WEAK = 0.5
+RING_PX, EDGE_PX = 9, 5
+SATURATED = 255
+
+
+def local_mask(frame: Frame, index: CaptureIndex) -> Mask:
+    """Pixels (H, W) whose colour differs from the median of what is around: a rope is narrow, a table not.
+
+    What differs most says in which colour; how much is found by Otsu's method, and is at least 12 levels.
+    Of what is connected to it half of that is enough, since light falls unevenly.
+
+    Raises:
+        ChainError: nothing differs.
+    """
+    assert frame.color is not None
+    window = min(2 * round(0.5 * WINDOW_WIDTHS * _width_px(frame, index)) + 1, LARGEST_WINDOW_PX)
+    around = cv2.merge([cv2.medianBlur(channel, window) for channel in cv2.split(frame.color)])
+    difference = np.asarray(cv2.absdiff(frame.color, around).max(axis=-1), dtype=np.uint8)
+    sure = difference >= _otsu(difference)
+    if not sure.any():
+        raise ChainError(
+            "no rope: nothing differs from what is around it",
+            file=frame.file,
+            place=f"frame {frame.frame}",
+            mend="remove the frame, or give rope_color_hsv, a background or a mask",
+        )
+    # A dark gripper's corner differs the other way than a bright rope.
+    step = np.median(frame.color[sure].astype(np.float32) - around[sure], axis=0)
+    weights = (step / max(float(np.linalg.norm(step)), 1e-6)).reshape(1, 3)
+    signed = cv2.transform(frame.color.astype(np.float32) - around.astype(np.float32), weights)
+    towards = np.clip(signed, 0, 255).astype(np.uint8)
+    level = _otsu(towards)
+    count, labels = cv2.connectedComponents((towards >= WEAK * level).astype(np.uint8), connectivity=8)
+    rope = np.zeros(count, dtype=np.bool_)
+    rope[labels[towards >= level]] = True
+    rope[0] = False
+    return np.asarray(rope[labels], dtype=np.bool_)
+
+
+def background_mask(frame: Frame, index: CaptureIndex, settings: ChainSettings) -> Mask:
+    """Pixels (H, W) that differ from the empty scene in colour, or are nearer than it.
+
+    Raises:
+        ChainError: the capture has no image of the empty scene.
+    """
+    if index.background_color is None and index.background_depth is None:
+        raise ChainError(
+            "has no image of the empty scene",
+            file=frame.file,
+            place=f"frame {frame.frame}",
+            mend="add background_color or background_depth to capture.json, or set chain.segmentation",
+        )
+    found: Mask | None = None
+    if index.background_color is not None and frame.color is not None:
+        difference = cv2.absdiff(frame.color, _empty_color(index.background_color, index.camera))
+        found = np.asarray(difference.max(axis=-1) >= settings.background_levels)
+    if index.background_depth is not None and frame.depth_m is not None:
+        empty = _empty_depth(index.background_depth, index.camera)
+        nearer = (frame.depth_m > 0) & (empty > 0) & (empty - frame.depth_m > settings.background_depth_m)
+        found = np.asarray(nearer if found is None else found | nearer)
+    assert found is not None
+    return found
+
+
+def rope_levels(color: Image | None, mask: Mask) -> NDArray[np.float32] | None:
+    """The mixture of red, green and blue in which the rope stands out from what is beside it, (H, W).
+
+    Linear in the light, so that a pixel half covered lies half-way. Infinite where a channel is saturated.
+    """
+    if color is None or not mask.any():
+        return None
+    rope = mask.astype(np.uint8)
+    close = cv2.dilate(rope, np.ones((EDGE_PX, EDGE_PX), np.uint8))
+    beside = (cv2.dilate(rope, np.ones((2 * RING_PX + 1,) * 2, np.uint8)) > 0) & (close == 0)
+    if not beside.any():
+        return None
+    step = np.median(color[mask], axis=0) - np.median(color[beside], axis=0)
+    size = float(np.abs(step).sum())
+    if size < LEAST_DIFFERENCE:
+        return None
+    weights = step / size
+    levels = np.asarray(color.astype(np.float32) @ weights.astype(np.float32))
+    levels[(color[..., np.abs(weights) > 0.1] >= SATURATED).any(axis=-1)] = np.inf
+    return np.asarray(levels, dtype=np.float32)
+
+
+def _otsu(difference: NDArray[np.uint8]) -> float:
+    return max(cv2.threshold(difference, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)[0], LEAST_DIFFERENCE)
+
+
+def _width_px(frame: Frame, index: CaptureIndex) -> float:
+    """How wide the rope may look: at the nearest things that there are, so not too narrow."""
+    diameter, focal = index.rope.diameter_m, index.camera.fx
+    if diameter is None or focal is None or frame.depth_m is None or not frame.depth_m.any():
+        return UNKNOWN_WIDTH_PX
+    near = float(np.percentile(frame.depth_m[frame.depth_m > 0], 5))
+    return max(diameter * focal / near, 2.0)
+
+
+def _empty_color(path: Path, camera: Camera) -> Image:
+    return _read_color(path, path.stat().st_mtime_ns, camera.width, camera.height)
+
+
+def _empty_depth(path: Path, camera: Camera) -> Depth:
+    return _read_depth(path, path.stat().st_mtime_ns, camera.width, camera.height, camera.depth_scale)
+
+
+# The empty scene is the same in each frame of a capture.
+@lru_cache(maxsize=2)
+def _read_color(path: Path, _: int, width: int | None, height: int | None) -> Image:
+    return read_color(path, Camera(np.eye(4), width, height))
+
+
+@lru_cache(maxsize=2)
+def _read_depth(path: Path, _: int, width: int | None, height: int | None, scale: float | None) -> Depth:
+    return read_depth(path, Camera(np.eye(4), width, height, depth_scale=scale))

@@ -1,0 +1,99 @@
+"""Strands that go on across a fork of the mask, joined: at a crossing, both pass on as one line each."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+
+from dlolib.chain.lift import Strand
+from dlolib.chain.order import Anchor
+from dlolib.chain.view import View
+from dlolib.types import Floats
+
+LARGEST_WIDTHS = 10.0
+LEAST_ON_MASK = 0.9
+BACK_WIDTHS = 2.0
+# A tip that is so near to a held end has reached it.
+REACHED_WIDTHS = 1.0
+
+
+def joined(
+    strands: list[Strand], width: float, view: View, start: Anchor | None, end: Anchor | None
+) -> list[Floats] | None:
+    """Lines [px] (K, 2) of ordered strands, one for each that is unbroken in the image; None as they were.
+
+    A skeleton is cut where it forks, and its short stubs are left out. What follows on what is known once
+    the strands are in order: where the way from one to the next, or to a held end, is rope in the image,
+    it was only cut, and is no gap. Which of two strands is on top there, the depth readings then tell.
+
+    Args:
+        strands: in order, each from start to end.
+        width: the rope's typical width [px].
+        view: the mask and the optics.
+        start, end: the held ends in camera axes; None where free.
+    """
+    lines = [strand.pixel for strand in strands]
+    whole = [lines[0]]
+    changed = False
+    for line in lines[1:]:
+        way = _way(whole[-1], line, width, view)
+        if way is None:
+            whole.append(line)
+        else:
+            whole[-1] = np.concatenate([whole[-1], way, line])
+            changed = True
+    for anchor, last in ((start, False), (end, True)):
+        if anchor is None:
+            continue
+        line = whole[-1] if last else whole[0][::-1]
+        stub = _stub(line, anchor if last else Anchor(anchor.place_m, -anchor.tangent), width, view)
+        if stub is not None:
+            line = np.concatenate([line, stub])
+            whole[-1 if last else 0] = line if last else line[::-1]
+            changed = True
+    return whole if changed else None
+
+
+def _way(line: Floats, onward: Floats, width: float, view: View) -> Floats | None:
+    """Pixels (K, 2) between the end of a line and the beginning of another, if they are rope."""
+    return _curve(line[-1], _heading(line, width), onward[0], -_heading(onward[::-1], width), width, view)
+
+
+def _stub(line: Floats, anchor: Anchor, width: float, view: View) -> Floats | None:
+    """Pixels (K, 2) from the end of a line to a held end, if they are rope."""
+    ahead = anchor.place_m + 0.005 * anchor.tangent
+    place, beyond = view.pixel(np.stack([anchor.place_m, ahead]))
+    arriving = beyond - place
+    size = float(np.linalg.norm(arriving))
+    if np.linalg.norm(place - line[-1]) <= REACHED_WIDTHS * width or size == 0:
+        return None
+    return _curve(line[-1], _heading(line, width), place, arriving / size, width, view)
+
+
+def _curve(
+    here: Floats, heading: Floats, there: Floats, arriving: Floats, width: float, view: View
+) -> Floats | None:
+    gap = float(np.linalg.norm(there - here))
+    # Against the heading: both cut ends went on into the fork and overlap there.
+    if gap > LARGEST_WIDTHS * width or float(heading @ arriving) < -0.5:
+        return None
+    curve = CubicHermiteSpline([0.0, 1.0], [here, there], [gap * heading, gap * arriving])
+    way = np.asarray(curve(np.linspace(0, 1, max(round(gap), 1) + 1)[1:-1]), dtype=np.float64).reshape(-1, 2)
+    if len(way) and _share_on(way, view) < LEAST_ON_MASK:
+        return None
+    return way
+
+
+def _share_on(way: Floats, view: View) -> float:
+    column, row = np.round(way).astype(int).T
+    height, width = view.mask.shape
+    inside = (column >= 0) & (row >= 0) & (column < width) & (row < height)
+    on = view.mask[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)] & inside
+    return float(on.mean())
+
+
+def _heading(line: Floats, width: float) -> Floats:
+    back = min(max(int(BACK_WIDTHS * width), 2), len(line) - 1)
+    step = line[-1] - line[-1 - back]
+    unit: Floats = step / max(float(np.linalg.norm(step)), 1e-12)
+    return unit

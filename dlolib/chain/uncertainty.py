@@ -1,0 +1,76 @@
+"""How far each point of a chain may be off, and how these errors go together: what depth noise leaves.
+
+The figures stand for what a camera of this kind does to a rope: they were set on renderings of the virtual
+laboratory (`make chain-bench` holds them against its truth). A smooth bias of the camera, the same in every
+frame, is none of it: that is the measurement effect `camera_pose`, or a warped room.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dlolib.chain.axis import Axis
+from dlolib.types import Floats, Noise, Rope
+
+# Across the line of sight: of the outline's own standard error, and a floor.
+ACROSS_FACTOR, ACROSS_M = 1.45, 3e-5
+# At its tips, and where it goes out of sight, a line has sections on one side only: share of the diameter.
+TIP_SHARE, TIP_REACH = 0.07, 1.5
+UNKNOWN_DIAMETER_M = 0.01
+# Along the line of sight: what the smoothing leaves of the readings' scatter, which is not quite white.
+DEPTH_FACTOR, DEPTH_M = 1.0, 5e-5
+# Along the rope: a floor, a share of what its measured length was off, or of a way that nothing checked.
+ALONG_M, MISFIT_SHARE, WAY_SHARE = 4e-5, 0.25, 0.003
+# Smoothed over half waves of `smooth_m`, errors of neighbours go together over this share of it.
+CORRELATED_SHARE, CORRELATED_FRAMES = 1.25, 1.0
+
+
+def covariances(axis: Axis, s_m: Floats, points_m: Floats, rope: Rope) -> Floats:
+    """Covariance [m²] (K, 3, 3) of chain points (K, 3) at arc lengths (K,), in camera axes.
+
+    Three parts that do not depend on each other: along the rope, along the line of sight, and across both.
+
+    Args:
+        axis: the dense line that the points were sampled from, with its deviations.
+        s_m, points_m: the points.
+        rope: its length, and its diameter where known.
+    """
+    assert axis.sigma_m is not None
+    along = np.stack([np.interp(s_m, axis.s_m, np.gradient(axis.points_m[:, k])) for k in range(3)], axis=-1)
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
+    sight = points_m / np.linalg.norm(points_m, axis=1, keepdims=True)
+    sight = sight - np.einsum("ij,ij->i", sight, along)[:, None] * along
+    sight /= np.maximum(np.linalg.norm(sight, axis=1, keepdims=True), 1e-12)
+    across = np.cross(along, sight)
+    known = np.isfinite(axis.sigma_m[:, 0])
+    depth, outline = (np.interp(s_m, axis.s_m[known], axis.sigma_m[known, k]) for k in range(2))
+    diameter = rope.diameter_m or UNKNOWN_DIAMETER_M
+    tip = TIP_SHARE * diameter * np.exp(-_to_tip(axis, s_m) / (TIP_REACH * diameter))
+    off = MISFIT_SHARE * abs(axis.measured_m - rope.length_m) if axis.fitted else WAY_SHARE * s_m
+    variances = (
+        # A line that runs beside the axis is longer or shorter than it by as much, for each radian it turns.
+        (along, ALONG_M**2 + off**2 + (ACROSS_FACTOR * outline) ** 2),
+        (sight, DEPTH_M**2 + (DEPTH_FACTOR * depth) ** 2 + (0.5 * tip) ** 2),
+        (across, ACROSS_M**2 + (ACROSS_FACTOR * outline) ** 2 + tip**2),
+    )
+    return np.asarray(sum(np.einsum("k,ki,kj->kij", size, way, way) for way, size in variances))
+
+
+def noise_of(covariance_m2: Floats, smooth_m: float, spacing_m: float) -> Noise:
+    """The noise of a recording: the mean deviation of a coordinate, and how far errors go together.
+
+    Args:
+        covariance_m2: of all points, (P, 3, 3).
+        smooth_m: half of the shortest wave that is left along the rope [m].
+        spacing_m: of the points [m].
+    """
+    sigma = float(np.sqrt(np.trace(covariance_m2, axis1=1, axis2=2).mean() / 3))
+    return Noise(sigma, CORRELATED_SHARE * smooth_m / spacing_m, CORRELATED_FRAMES)
+
+
+def _to_tip(axis: Axis, s_m: Floats) -> Floats:
+    """Way [m] (K,) from arc lengths to the nearest end of what was seen."""
+    seen = np.concatenate([[False], axis.seen, [False]])
+    edges = np.flatnonzero(np.diff(seen.astype(np.int8)))
+    places = axis.s_m[np.clip(edges - (edges >= len(axis.s_m)), 0, len(axis.s_m) - 1)]
+    return np.asarray(np.abs(s_m[:, None] - places).min(axis=1))

@@ -1,0 +1,94 @@
+"""The ways to tell rope from the rest."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from chain.tubes import Scene, along, index_of, photograph, wave
+
+from dlolib.captures.base import Frame
+from dlolib.chain import ChainSettings, chain_frame
+from dlolib.chain.segment import segment
+from dlolib.errors import ChainError, ParameterError
+from dlolib.types import CaptureIndex
+
+NOWHERE = Path("tube")
+AXIS = wave(0.6)
+
+
+def seen(table: tuple[int, int, int] | None = None, level: int = 225) -> tuple[Frame, CaptureIndex]:
+    """A white rope before black, or on a table of some colour whose light fades to one side."""
+    color, depth = photograph(AXIS, Scene(rope_level=level))
+    if table is not None:
+        fade = np.linspace(1.0, 0.6, color.shape[1])[None, :, None]
+        share = np.clip((color[..., :1].astype(float) - 12) / (level - 12), 0, 1)
+        color = np.rint((share * color + (1 - share) * np.array(table)) * fade).astype(np.uint8)
+    frame = Frame(0, 0.0, NOWHERE, color=color, depth_m=depth.astype(np.float32) / 1000)
+    return frame, index_of(NOWHERE, [AXIS], Scene())
+
+
+def rms(frame: Frame, index: CaptureIndex, settings: ChainSettings) -> float:
+    chain = chain_frame(frame, index, settings)
+    assert len(chain.s_m) >= 29
+    return float(np.sqrt(np.mean(np.sum((chain.xyz_m - along(AXIS, chain.s_m)) ** 2, axis=1))))
+
+
+@pytest.mark.parametrize("way", ["auto", "threshold", "local"])
+def test_a_white_rope_before_black(way: str) -> None:
+    assert rms(*seen(), ChainSettings(segmentation=way)) < 0.8e-3
+
+
+@pytest.mark.parametrize("table", [(110, 90, 65), (150, 150, 150), (60, 90, 130)])
+@pytest.mark.parametrize("way", ["auto", "local"])
+def test_a_white_rope_on_a_table_in_uneven_light(table: tuple[int, int, int], way: str) -> None:
+    assert rms(*seen(table), ChainSettings(segmentation=way)) < 1e-3
+
+
+def test_a_pillar_brighter_than_the_dark_is_no_rope() -> None:
+    frame, index = seen()
+    assert frame.color is not None
+    color = frame.color.copy()
+    pillar = np.s_[:, 300:330]
+    color[pillar] = 70
+    hidden = frame.depth_m.copy() if frame.depth_m is not None else None
+    assert hidden is not None
+    hidden[pillar] = 0.6
+    chain = chain_frame(replace(frame, color=color, depth_m=hidden), index, ChainSettings())
+    away = np.linalg.norm(chain.xyz_m - along(AXIS, chain.s_m), axis=1)
+    assert np.sqrt(np.mean(away**2)) < 1.5e-3 and len(chain.s_m) > 22
+
+
+@pytest.mark.parametrize("what", ["color", "depth", "both"])
+def test_what_differs_from_the_empty_scene(what: str, tmp_path: Path) -> None:
+    # A rope as dark as a cluttered table is nearer than it; a bright one differs in colour, too.
+    frame, index = seen(level=200 if what != "depth" else 30)
+    rng = np.random.default_rng(0)
+    clutter = np.kron(rng.integers(0, 120, (18, 20, 3)), np.ones((32, 32, 1))).astype(np.uint8)
+    assert frame.color is not None and frame.depth_m is not None
+    rope = frame.color[..., 0] > 20 if what == "depth" else frame.color[..., 0] > 60
+    color = np.where(rope[..., None], frame.color, clutter)
+    behind = np.full(rope.shape, 0.85)
+    cv2.imwrite(str(tmp_path / "color.png"), cv2.cvtColor(clutter, cv2.COLOR_RGB2BGR))
+    cv2.imwrite(str(tmp_path / "depth.png"), np.rint(1000 * behind).astype(np.uint16))
+    if what != "depth":
+        index = replace(index, background_color=tmp_path / "color.png")
+    if what != "color":
+        index = replace(index, background_depth=tmp_path / "depth.png")
+    assert rms(replace(frame, color=color), index, ChainSettings()) < 1.2e-3
+
+
+def test_a_choice_that_the_capture_cannot_serve_names_the_mend() -> None:
+    frame, index = seen()
+    for way, mend in (
+        ("mask", "frames.csv"),
+        ("color", "rope_color_hsv"),
+        ("background", "background_color"),
+    ):
+        with pytest.raises(ChainError, match=mend):
+            segment(frame, index, ChainSettings(segmentation=way))
+    with pytest.raises(ParameterError, match="auto, threshold, local, color, background, mask"):
+        ChainSettings(segmentation="magic")
