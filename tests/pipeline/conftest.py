@@ -136,7 +136,7 @@ def make_pipeline(folder: Path, layouts: int | None = None) -> Pipeline:
         (folder / "data/layouts" / layout).mkdir(parents=True)
         (folder / "data/layouts" / layout / "layout.json").write_text("{}")
     (folder / "reports/proof").mkdir(parents=True)
-    for name in ("bench", "cables", "elastic", "practice", "proof/summary", "solvers"):
+    for name in ("bench", "cables", "chain_bench", "elastic", "practice", "proof/summary", "solvers"):
         (folder / "reports" / f"{name}.json").write_text("{}")
     stand_in = folder / ".bin" / "python"
     stand_in.parent.mkdir()

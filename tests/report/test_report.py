@@ -258,6 +258,12 @@ def test_empty_results_make_a_report_of_sentences(tmp_path: Path) -> None:
     assert all(value is None for value in content["headline"].values())
 
 
+def test_the_chain_s_misses_are_named(content: dict) -> None:
+    (section,) = [section for section in content["sections"] if section["name"] == "chain"]
+    words = " ".join(block["text"] for block in section["blocks"] if block["kind"] == "paragraph")
+    assert "2 of 3 figures meet their goals" in words and "Missed: crossing: spacing, largest 6." in words
+
+
 @pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(
     ("gone", "sentence"),
@@ -271,6 +277,7 @@ def test_empty_results_make_a_report_of_sentences(tmp_path: Path) -> None:
         ("data/layouts/layout_2", "no shapes to draw for Layout 2"),
         ("reports/execute", "Nothing was executed"),
         ("reports/bench.json", "Nothing was measured beside the peers"),
+        ("reports/chain_bench.json", "not held against rendered ropes"),
         ("reports/proof", "blind proof was not run"),
         ("reports/practice.json", "practice recordings were not diagnosed"),
         ("reports/cables.json", "cables were not run"),

@@ -10,6 +10,7 @@ from dlolib.report.measures import ChainError, by_arc_length
 from dlolib.report.model import Block, Column, Figure, Missing, Paragraph, Section, Table
 from dlolib.report.pictures import project, rgb, rope_window, shown, toward_camera
 from dlolib.report.results import Results
+from dlolib.report.sections import chain_bench
 from dlolib.report.style import PLASTIC, ROD, canvas, legend_above, save, thousandths
 from dlolib.report.text import fixed, millimetres
 from dlolib.types import CaptureIndex, Recording
@@ -40,7 +41,7 @@ def section(results: Results, figures: Path) -> Section:
         )
     else:
         blocks += [_error_figure(error, recording, figures), _error_table(error, results, recording)]
-    return Section("chain", TITLE, tuple(blocks))
+    return Section("chain", TITLE, (*blocks, *chain_bench.blocks(results)))
 
 
 def _words(recording: Recording) -> str:
