@@ -17,10 +17,11 @@ from dlolib.types import CaptureIndex, Floats, Motion, Points, Recording
 
 @dataclass(frozen=True)
 class ChainResult:
-    """The recording, and the chain of each frame."""
+    """The recording, the chain of each frame, and how they were found."""
 
     recording: Recording
     frames: tuple[FrameChain, ...]
+    settings: ChainSettings
 
     def metrics(self) -> Mapping[str, float | int]:
         """Figures of the whole: lengths in m, shares of 1."""
@@ -58,7 +59,7 @@ def extract_chain(source: Source, settings: ChainSettings | None = None) -> Chai
     chains: list[FrameChain] = []
     for frame in track(source.frames(), f"chain of {index.name}", len(index.frame)):
         chains.append(chain_frame(frame, index, settings, chains[-1] if chains else None))
-    return ChainResult(_recording(index, chains, settings), tuple(chains))
+    return ChainResult(_recording(index, chains, settings), tuple(chains), settings)
 
 
 def _spacing_errors(frame: FrameChain) -> Floats:
