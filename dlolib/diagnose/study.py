@@ -229,7 +229,8 @@ def acting_only(study: Study, ratios_m4_s2: Sequence[float]) -> Study:
     stiffnesses = tuple(STIFFNESSES) if twisted else ("bending_stiffness",)
     rod = study.rod(0, {"bending_stiffness": ei})
     seen = tuple(replace(one, model=near(one.model, rod)) for one in study.seen)
-    return replace(study, seen=seen, stiffnesses=stiffnesses, nuisances=acting)
+    ahead = {k: replace(one, model=near(one.model, rod)) for k, one in study.ahead.items()}
+    return replace(study, seen=seen, ahead=ahead, stiffnesses=stiffnesses, nuisances=acting)
 
 
 def remembers(effects: Iterable[str]) -> bool:

@@ -378,8 +378,13 @@ def largest_step(motion: Motion) -> float:
 def simulated(
     recording: Recording, rod: Rod, step_s: float | None = 0.01, sweeps: int | None = None
 ) -> Recording:
-    """The recording with its points replaced by the simulated ones, at the same times and arc lengths."""
-    xyz = RecordingModel(recording, rod.particles, step_s, sweeps).predict(rod).xyz_m
+    """The recording with its points replaced by the simulated ones, at the same times and arc lengths.
+
+    With effects the first shape is sought from that without them, as in a diagnosis: where a rope may rest in
+    two shapes, both take the same.
+    """
+    near = replace(rod, effects={}) if rod.effects and sweeps is None else None
+    xyz = RecordingModel(recording, rod.particles, step_s, sweeps, near).predict(rod).xyz_m
     points = replace(recording.points, xyz_m=xyz, covariance_m2=None)
     told = f"dlo simulate {recording.name}"
     return replace(recording, points=points, source=told, position_noise_m=0.0, noise=None)

@@ -67,6 +67,11 @@ class Scene:
         own = [part[[rope]] for part in self.arrays()]
         return Scene(own[0], own[1], own[2], own[3], own[4], own[5], own[6], self.symmetric)
 
+    @property
+    def has_laws(self) -> bool:
+        """Whether any joint has a moment beside the elastic one."""
+        return bool(self.joints[..., LAWS:].any())
+
     @staticmethod
     def stack(scenes: Sequence[Scene]) -> Scene:
         """Scenes of one number of particles and obstacles, one after another in the batch."""

@@ -13,7 +13,6 @@ from dlolib.sim import derivatives, direct
 from dlolib.sim.band import HALF
 from dlolib.sim.effects import LAWS
 from dlolib.sim.joints import HISTORY
-from dlolib.sim.scene import LAWS as FIRST_LAW
 from dlolib.sim.scene import Scene, contact_points
 from dlolib.types import Floats
 
@@ -198,7 +197,7 @@ def roll_out(scene: Scene, state: State, path: Path, clock: Clock) -> Rollout:
             mend="hold an end, or simulate it dynamically",
         )
     rollout, status = _launch(scene, state, path, clock)
-    forgets = scene.symmetric and not scene.joints[..., FIRST_LAW:].any()
+    forgets = scene.symmetric and not scene.has_laws
     if status.any() and clock == Clock(None) and forgets:
         for rope in np.flatnonzero(status.any(axis=1)):
             _snap(rollout, status, int(rope))
@@ -414,7 +413,7 @@ def _linearised(rollout: Rollout) -> tuple[list[Floats], list[Floats]]:
     states = ropes * (indices - 1)
     factors = [_band(states, n) for _ in range(4)]
     # room for what acts alone: untouched memory costs as much as a step
-    laws = bool(rollout.scene.joints[..., FIRST_LAW:].any())
+    laws = rollout.scene.has_laws
     bends = np.zeros((states, n, len(LAWS), 20) if laws else (1, 1, 1, 1))
     rubs = np.zeros((1, 1, 1) if rollout.scene.symmetric else (states, contact_points(n), 19))
     memory = [bends, rubs]
@@ -442,7 +441,7 @@ def steps_of(path: Path, clock: Clock) -> Floats:
 
 def _plain(scene: Scene) -> bool:
     """Whether nothing acts on the ropes but what is elastic, loads and inertia."""
-    return scene.symmetric and not scene.obstacles.shape[1] and not scene.joints[..., FIRST_LAW:].any()
+    return scene.symmetric and not scene.obstacles.shape[1] and not scene.has_laws
 
 
 def _band(slots: int, n: int) -> Floats:

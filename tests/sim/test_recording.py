@@ -119,3 +119,11 @@ def test_what_moves_the_camera_alone_is_differentiated_without_the_rope() -> Non
         ahead, behind = (model.predict(Rod.of(ROPE, side, 30)).xyz_m for side in sides)
         expected = (ahead - behind) / (2 * step)
         assert np.abs(by[:, :, k] - expected).max() < 1e-5 * np.abs(expected).max()
+
+
+def test_effects_are_simulated_from_the_shape_that_the_rope_has_without_them() -> None:
+    made = recording()
+    effects = {"rest_curvature.kappa_1": 3.0, "internal_friction.saturation_curvature": 2.0}
+    rod = Rod(ROPE, EI, GJ, effects)
+    near = RecordingModel(made, 30, None, near=Rod(ROPE, EI, GJ))
+    assert np.array_equal(simulated(made, rod).points.xyz_m, near.predict(rod).xyz_m)
