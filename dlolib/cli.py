@@ -110,17 +110,24 @@ def chain(
     capture: Annotated[Path, typer.Argument(help="A capture folder.")],
     out: Out,
 ) -> None:
-    """Find the rope in every frame of a capture as a chain of points: dlo-recording/1."""
+    """Find the rope in every frame of a capture as a chain of points: dlo-recording/1, and a sheet."""
+    from dlolib.calibrate import clock_offset
     from dlolib.captures import open_capture
-    from dlolib.chain import ChainSettings, extract_chain
+    from dlolib.chain import ChainSettings, extract_chain, write_sheet
+    from dlolib.files import whole_folder
     from dlolib.formats import write_recording
 
     params = _params()
     settings = ChainSettings() if params is None else ChainSettings(**params.chain.model_dump())
-    recording = extract_chain(open_capture(capture), settings).recording
-    write_recording(recording, out)
-    points = recording.points
-    _say(f"{out}: {len(points.s_m)} points in {len(set(points.frame.tolist()))} frames of {recording.name}")
+    source = open_capture(capture)
+    result = extract_chain(source, settings)
+    with whole_folder(out) as folder:
+        write_recording(result.recording, folder)
+        write_sheet(result, source, folder / "sheet.png")
+    points = result.recording.points
+    frames = len(set(points.frame.tolist()))
+    _say(f"{out}: {len(points.s_m)} points in {frames} frames of {result.recording.name}; look at sheet.png")
+    _say(clock_offset(result.recording).says)
 
 
 @app.command()

@@ -48,6 +48,7 @@ def test_ingest_then_chain(tmp_path: Path) -> None:
     assert run(["ingest", str(tmp_path / "capture"), "--out", str(tmp_path / "checked")]) == 0
     assert len(read_capture_index(tmp_path / "checked").frame) == 2
     assert run(["chain", str(tmp_path / "checked"), "--out", str(tmp_path / "recording")]) == 0
+    assert (tmp_path / "recording" / "sheet.png").stat().st_size > 10_000
     points = read_recording(tmp_path / "recording").points
     # The drawn arc is the parabola of `samples`, its skin 4 mm in front of the axis at y = 0.
     for frame in (0, 1):
