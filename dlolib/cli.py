@@ -170,8 +170,8 @@ def identify(
     settings, params = _identify_settings(), _params()
     given = [read_recording(folder) for folder in recordings]
     known = _known(None, verdict)
-    effects = {} if known is None else {k: v.value for k, v in known.parameters.items() if "." in k}
-    found = fit_recordings(given, settings, effects)
+    rods = None if known is None else [_rod(rope_values(one.rope, one.name, known, {})) for one in given]
+    found = fit_recordings(given, settings, rods)
     descended = None
     if params is not None and params.identify.method == "gradient_descent":
         descended = descend(given[0], DescentSettings(**params.identify.paper.model_dump()), settings)
@@ -323,7 +323,7 @@ def _timed(recording: Recording, quasi_static: str | None) -> Recording:
     return recording if quasi_static is None else replace(recording, quasi_static=quasi_static == "true")
 
 
-def _rod(known: RopeValues, particles: int) -> Rod:
+def _rod(known: RopeValues, particles: int = 30) -> Rod:
     from dlolib.sim.rod import Rod
 
     return Rod.of(known.rope, known.parameters, particles)

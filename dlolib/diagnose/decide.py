@@ -11,8 +11,7 @@ from scipy import stats
 from dlolib.diagnose.fitting import Fitted
 from dlolib.diagnose.residuals import explains, slow_modes
 from dlolib.diagnose.search import Searched
-from dlolib.diagnose.study import DiagnoseSettings, Study
-from dlolib.sim.effects import EFFECTS
+from dlolib.diagnose.study import DiagnoseSettings, Study, ideal
 
 Status = Literal["no_mismatch", "explained", "ambiguous", "unexplained"]
 # Slow residuals this unlikely are a mismatch even where no effect takes them up.
@@ -20,6 +19,8 @@ ALARMING = 1e-5
 MOST_TIED = 3
 # What an ideal law leaves because the rope's is of another form, as a share of what it explains, at most.
 OFF = 0.01
+# Another ideal law in place of the rope's may explain more than that itself, by this share at most.
+IMITATED = 0.02
 
 
 @dataclass(frozen=True)
@@ -41,11 +42,19 @@ def decide(study: Study, searched: Searched, settings: DiagnoseSettings) -> Deci
         return Decision("unexplained" if slow.p_value < ALARMING else "no_mismatch", base, ())
     if not explains(best, base):
         return Decision("unexplained", best, ())
-    tie = [one for one in models if one.bic(frames) < best.bic(frames) + settings.tie]
+    tie = [one for one in models if one.bic(frames) < best.bic(frames) + _margin(one, best, base, settings)]
     tie = [one for one in tie if one is best or not set(best.effects) < set(one.effects)][:MOST_TIED]
     if len(tie) > 1:
         return Decision("ambiguous", best, tuple(tie))
     return Decision("explained", best, ())
+
+
+def _margin(model: Fitted, best: Fitted, base: Fitted, settings: DiagnoseSettings) -> float:
+    """By how much more in BIC a model is as good as the best: where it has another ideal law in its place,
+    that may be no more than the laws' forms."""
+    differ = set(model.effects) ^ set(best.effects)
+    forms = all(map(ideal, differ)) and len(model.effects) == len(best.effects)
+    return max(settings.tie, IMITATED * (base.chi2 - best.chi2) if forms else 0.0)
 
 
 def _earned(model: Fitted, searched: Searched, settings: DiagnoseSettings) -> bool:
@@ -58,8 +67,7 @@ def _earned(model: Fitted, searched: Searched, settings: DiagnoseSettings) -> bo
 def _better(model: Fitted, fewer: Fitted, base: Fitted, settings: DiagnoseSettings) -> bool:
     """Whether more effects gain more than chance would (Wilks' test), and more than a law's form is off."""
     gain = fewer.chi2 - model.chi2
-    ideal = any(getattr(EFFECTS[name], "IDEAL", False) for name in fewer.effects)
-    if ideal and gain < OFF * (base.chi2 - fewer.chi2):
+    if any(map(ideal, fewer.effects)) and gain < OFF * (base.chi2 - fewer.chi2):
         return False
     more = max(model.parameters - fewer.parameters, 1)
     return bool(stats.chi2.sf(gain, more) < settings.chance)

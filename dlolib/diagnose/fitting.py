@@ -187,13 +187,13 @@ def promise(model: Hypothesis, theta: Floats) -> float:
 
 
 def awake(model: Hypothesis, theta: Floats) -> Floats | None:
-    """A start at which the parameters that move nothing at theta do, or None where all do.
+    """A start at which the sizes of effects that move nothing at theta do, or None where all do.
 
     A rope in a plane that is seen in that plane has no derivative by what bends it out of it.
     """
     jacobian = model.at(theta)[1]
     scales = np.array([u.scale for u in model.unknowns])
-    shared = np.array([u.recording is None and not u.stiffness for u in model.unknowns])
+    shared = np.array([u.recording is None and u.size for u in model.unknowns])
     silent = shared & (np.abs(jacobian * scales).max(axis=0) < SILENT)
     low, high = model.bounds
     return np.clip(np.where(silent, theta + NUDGE * scales, theta), low, high) if silent.any() else None

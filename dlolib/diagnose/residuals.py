@@ -14,13 +14,14 @@ from scipy import stats
 from scipy.fft import dctn
 
 from dlolib.diagnose.fitting import Fitted
+from dlolib.diagnose.study import ideal
 from dlolib.types import Floats
 
 # The slow modes, over frames and along the rope.
 MODES = 8
 # A model whose slow residuals are this unlikely does not explain the recording, if they also are more than
-# this share of what it explains: a law's form is never quite that of the rope.
-UNLIKELY, NEGLIGIBLE = 1e-3, 0.05
+# a share of what it explains, larger for an ideal law: its form is never quite that of the rope.
+UNLIKELY, NEGLIGIBLE, IDEALLY = 1e-3, 0.01, 0.05
 # Where any of so many slow modes are less likely than this more may be missing: what gains 40 in χ² shows.
 SLOWER, AMISS = (2, 4, MODES), 0.05
 
@@ -62,7 +63,8 @@ def amiss(model: Fitted) -> bool:
 def explains(model: Fitted, base: Fitted) -> bool:
     """Whether a model leaves but noise, or little of what it explains."""
     slow = slow_modes(model.residuals, len(model.unknowns))
-    return slow.p_value >= UNLIKELY or slow.excess <= NEGLIGIBLE * (base.chi2 - model.chi2)
+    share = IDEALLY if any(map(ideal, model.effects)) else NEGLIGIBLE
+    return slow.p_value >= UNLIKELY or slow.excess <= share * (base.chi2 - model.chi2)
 
 
 __all__ = ["SlowModes", "amiss", "explains", "slow_modes"]

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from dlolib.diagnose.decide import Decision
 from dlolib.diagnose.fitting import Fitted
+from dlolib.diagnose.residuals import UNLIKELY
 from dlolib.diagnose.study import Study
 from dlolib.sim.effects import EFFECTS, parameter
 from dlolib.types import Estimate, Named, Place, Quality
@@ -72,7 +73,8 @@ def summary(
         what = "Something is missing that no effect of the library explains"
         return f"{what} ({before:.1f} mm RMS).{place}{nearest}"
     told = "; ".join(one.says for one in effects)
-    fall = f"The distance falls from {before:.1f} to {after:.1f} mm RMS."
+    rest = "" if best.p_value >= UNLIKELY else ", and what is left is more than noise"
+    fall = f"The distance falls from {before:.1f} to {after:.1f} mm RMS{rest}."
     first = f"What an elastic rod leaves out: {told}.{place} {fall}"
     if decision.status == "explained":
         return first

@@ -11,7 +11,7 @@ import numpy as np
 
 from dlolib.diagnose.fitting import Fitted, awake, corrected, fit, hypothesis, promise
 from dlolib.diagnose.residuals import amiss, explains
-from dlolib.diagnose.study import DiagnoseSettings, Point, Study, library
+from dlolib.diagnose.study import DiagnoseSettings, Point, Study, abrupt, library
 from dlolib.diagnose.workers import Workers
 from dlolib.errors import SimulationError
 from dlolib.identify.identify import FIRST_STIFFNESS_M4_S2
@@ -75,7 +75,7 @@ def search(study: Study, settings: DiagnoseSettings, run: Workers) -> Searched:
         best = _best(study, models)
         if size == 2 and not amiss(min(best, elastic, key=lambda one: one.bic(study.frames))):
             break
-        if size > 2 and (len(best.effects) < size - 1 or explains(best, elastic)):
+        if size > 2 and (len(best.effects) < size - 1 or _done(study, best, elastic)):
             break
         _grown(study, models, elastic, size, settings, run)
     _pruned(study, models, run)
@@ -126,17 +126,21 @@ def _grown(
     study: Study, models: Models, elastic: Fitted, size: int, settings: DiagnoseSettings, run: Workers
 ) -> None:
     """Forward and backward: one more effect beside those of the best model, then beside all but one of those
-    of the best one so found, until nothing changes.
+    of the best ones so found, until nothing changes.
 
     Where much is missing a linear step from the best model foretells little, and what is found may not
     explain what is seen: then the same from the next best models. Three effects are sought forward alone,
-    from the best pair.
+    from the best pair. A rigid rope explains by its ends alone what moves them: then the same from the best
+    model whose rope is none.
     """
     beginnings, rounds = (BEGINNINGS, ROUNDS) if size == 2 else (1, 1)
-    ranked = [one.effects for one in _ordered(study, models.values()) if len(one.effects) == size - 1]
+    ranked = [one for one in _ordered(study, models.values()) if len(one.effects) == size - 1]
+    first = ranked[:beginnings]
+    if all(study.rigid(one.point) for one in first):
+        first += [one for one in ranked if not study.rigid(one.point)][:1]
     tried: set[Effects] = set()
-    for begin in ranked[:beginnings]:
-        todo = [begin]
+    for begin in first:
+        todo = [begin.effects]
         for _ in range(rounds):
             todo = [one for one in todo if one in models and one not in tried]
             for one in todo:
@@ -145,14 +149,33 @@ def _grown(
                     key = tuple(sorted(more.effects))
                     if key not in models or more.chi2 < models[key].chi2:
                         models[key] = replace(more, effects=key)
-            effects = _best(study, models).effects
-            todo = list(itertools.combinations(effects, size - 1)) if len(effects) == size else []
-        if explains(_best(study, models), elastic):
+            todo = _parts(study, models, size, settings.tie)
+        if _done(study, _best(study, models), elastic):
             break
 
 
+def _done(study: Study, best: Fitted, elastic: Fitted) -> bool:
+    """Whether no more effects need to be sought."""
+    return explains(best, elastic) and not study.rigid(best.point)
+
+
+def _parts(study: Study, models: Models, size: int, tie: float) -> list[Effects]:
+    """All but one of the effects of the best model, if it has as many, and of those that tie with it and are
+    better than any part of them."""
+    ranked, frames = _ordered(study, models.values()), study.frames
+    best = ranked[0]
+    found: list[Effects] = []
+    for one in ranked if len(best.effects) == size else ():
+        parts = list(itertools.combinations(one.effects, size - 1)) if len(one.effects) == size else []
+        alone = min((models[part].bic(frames) for part in parts if part in models), default=np.inf)
+        if one is best or one.bic(frames) + tie < min(alone, best.bic(frames) + 2 * tie):
+            found += parts
+    return found
+
+
 def _partners(study: Study, fewer: Fitted, settings: DiagnoseSettings, run: Workers) -> list[Fitted]:
-    """Every other effect beside those of a model: screened by a linear step, the promising ones fitted."""
+    """Every other effect beside those of a model: screened by a linear step, the promising ones fitted, and
+    those of which none tells."""
     hints = _hints(study, fewer)
     have = terms_of(fewer)
     tasks = [
@@ -162,16 +185,17 @@ def _partners(study: Study, fewer: Fitted, settings: DiagnoseSettings, run: Work
     beside = " and ".join(fewer.effects)
     promised = run(_promise, tasks, f"beside {beside}")
     penalty = np.log(study.frames)
-    scored = [
-        (fewer.chi2 - low - penalty * _more(task, have), task)
-        for low, task in zip(promised, tasks, strict=True)
+    gains = [
+        fewer.chi2 - low - penalty * _more(task, have) for low, task in zip(promised, tasks, strict=True)
     ]
-    scored = sorted((one for one in scored if one[0] > PROMISING), key=lambda one: -one[0])
-    kept: list[Task] = []
-    for _, task in scored:
-        names = {tuple(k.terms) for k in kept}
-        if len(names) < settings.partners or tuple(task.terms) in names:
-            kept.append(task)
+    added = [list(task.terms)[-1] for task in tasks]
+    ranked = [added[k] for k in np.argsort(gains)[::-1] if gains[k] > PROMISING]
+    first = list(dict.fromkeys(ranked))[: settings.partners]
+    kept = [
+        task
+        for task, name, gain in zip(tasks, added, gains, strict=True)
+        if abrupt(name) or (name in first and gain > PROMISING)
+    ]
     return _refined(study, run(_fit, kept, f"fits beside {beside}"), fewer, run, f"beside {beside}")
 
 
@@ -202,7 +226,8 @@ def _task(
     study: Study, at: Fitted, have: Terms, name: str, form: tuple[str, ...], hints: Sequence[Hint], best: int
 ) -> Task:
     starts = tuple(
-        {**at.point, **{Unknown(part): value for part, value in start.items()}}
+        {**at.point, **stiffness, **{Unknown(part): value for part, value in start.items()}}
+        for stiffness in study.softer(at.point)
         for start in study.starts(name, form, hints)
     )
     return Task({**have, name: form}, starts, at.offsets_m, best)

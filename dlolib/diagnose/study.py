@@ -15,7 +15,8 @@ from dlolib.identify import particles_for
 from dlolib.identify.parameters import ACTS_M, LOGARITHM_SCALE, Unknown
 from dlolib.identify.problem import axes
 from dlolib.sim.effects import EFFECTS, parameter
-from dlolib.sim.effects.base import Hint, forms
+from dlolib.sim.effects.base import Hint, forms, sizes
+from dlolib.sim.moments import moments
 from dlolib.sim.poses import Model, model_of, near
 from dlolib.sim.rod import STIFFNESSES, Rod
 from dlolib.types import Floats, Recording
@@ -24,6 +25,8 @@ from dlolib.types import Floats, Recording
 MOST_STEPS = 1000
 # Softest and stiffest rope over its density: a hair, and a rod of steel as thick as an arm.
 STIFFNESSES_M4_S2 = (1e-8, 1e6)
+# The weight over EI / L² of a rope that it does not bend, and EI / L² over the weight of ropes that it does.
+STANDARD_GRAVITY_M_S2, UNBENT, BENT_BY_WEIGHT = 9.81, 0.01, (0.1, 0.01)
 # A stiffness whose neutral value is infinite is not sought beyond this times its largest start.
 AS_GOOD_AS_RIGID = 1e3
 Bools = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
@@ -93,7 +96,7 @@ class Study:
     nuisances: what each recording has for itself, with the deviation expected of it (its prior). histories:
     likewise, in models with a law that remembers. stiffnesses: those that act; where the rope is not twisted
     GJ does not, and equals EI. ahead: the held-out frames of those recordings, by number, that have some.
-    numbers: of the recordings, where not all are here.
+    numbers: of the recordings, where not all are here. most_bent_1_m: the elastic rope's largest curvature.
     """
 
     seen: tuple[Seen, ...]
@@ -102,6 +105,7 @@ class Study:
     stiffnesses: tuple[str, ...] = tuple(STIFFNESSES)
     ahead: Mapping[int, Seen] = field(default_factory=dict)
     numbers: tuple[int, ...] | None = None
+    most_bent_1_m: float = 10.0
 
     @property
     def heldout(self) -> Study | None:
@@ -153,7 +157,8 @@ class Study:
         return float(t.min()), float(t.max())
 
     def starts(self, name: str, form: Sequence[str], hints: Sequence[Hint]) -> list[dict[str, float]]:
-        """Where fits of an effect may begin: every combination of its parameters' starts.
+        """Where fits of an effect may begin: every combination of its parameters' starts, also with its sizes
+        neutral, where a linear step tells what a little of it would gain.
 
         An effect whose place no grid can cover begins where the rope is off (its `guess`).
         """
@@ -163,14 +168,33 @@ class Study:
             radius = self.seen[0].recording.rope.radius_m
             places = [guess for hint in hints for guess in effect.guess(hint, radius)]
         grids = {part: self._grid(f"{name}.{part}") for part in form if part not in places[0]}
-        return [
+        neutral = {part: parameter(f"{name}.{part}").neutral for part in grids if part in sizes(effect)}
+        absent = {part: [value] for part, value in neutral.items() if np.isfinite(value)}
+        found = [
             {
                 f"{name}.{part}": value
-                for part, value in {**place, **dict(zip(grids, values, strict=True))}.items()
+                for part, value in {**place, **dict(zip(grid, values, strict=True))}.items()
             }
             for place in places
-            for values in itertools.product(*grids.values())
+            for grid in (grids, {**grids, **absent})
+            for values in itertools.product(*grid.values())
         ]
+        return [start for k, start in enumerate(found) if start not in found[:k]]
+
+    def rigid(self, point: Point) -> bool:
+        """Whether the rope is too stiff there for its weight to bend it; then nothing tells how stiff."""
+        return point[Unknown("bending_stiffness")] > self._weight / UNBENT
+
+    def softer(self, point: Point) -> list[dict[Unknown, float]]:
+        """Stiffnesses in the place of a point's; none at first, and others where it is rigid."""
+        shares = BENT_BY_WEIGHT if self.rigid(point) else ()
+        return [{}, *({Unknown(name): share * self._weight for name in self.stiffnesses} for share in shares)]
+
+    @property
+    def _weight(self) -> float:
+        """The rope's, as the EI [N m²] of a rope that bends as much under itself as it is long."""
+        rope = self.seen[0].recording.rope
+        return STANDARD_GRAVITY_M_S2 * (rope.linear_density_kg_m or 1.0) * rope.length_m**3
 
     def middle(self, name: str) -> float:
         """A usual value of a parameter: the middle one of its starts."""
@@ -181,8 +205,9 @@ class Study:
         known = parameter(name)
         begin, end = self.span_s
         length = self.seen[0].recording.rope.length_m
-        scale, shift = {"rope": (length, 0.0), "motion": (end - begin, begin), "": (1.0, 0.0)}[known.along]
-        return [shift + scale * start for start in known.starts]
+        scales = {"rope": length, "motion": end - begin, "bend": self.most_bent_1_m, "": 1.0}
+        shift = begin if known.along == "motion" else 0.0
+        return [shift + scales[known.along] * start for start in known.starts]
 
 
 def seen_as(recording: Recording, used: Bools, whitener: Whitener, settings: DiagnoseSettings) -> Seen:
@@ -228,14 +253,32 @@ def acting_only(study: Study, ratios_m4_s2: Sequence[float]) -> Study:
         }
     stiffnesses = tuple(STIFFNESSES) if twisted else ("bending_stiffness",)
     rod = study.rod(0, {"bending_stiffness": ei})
+    most = max(bent(one.model, study.rod(k, {"bending_stiffness": ei})) for k, one in enumerate(study.seen))
     seen = tuple(replace(one, model=near(one.model, rod)) for one in study.seen)
     ahead = {k: replace(one, model=near(one.model, rod)) for k, one in study.ahead.items()}
-    return replace(study, seen=seen, ahead=ahead, stiffnesses=stiffnesses, nuisances=acting)
+    return replace(
+        study, seen=seen, ahead=ahead, stiffnesses=stiffnesses, nuisances=acting, most_bent_1_m=most
+    )
+
+
+def bent(model: Model, rod: Rod) -> float:
+    """The largest curvature that the rod takes in a recording [1/m]."""
+    return float(np.linalg.norm(moments(model.roll_out(rod))[0][..., :2], axis=-1).max())
 
 
 def remembers(effects: Iterable[str]) -> bool:
     """Whether what happened before a recording shows in one of these laws."""
     return any(getattr(EFFECTS[name], "REMEMBERS", False) for name in effects)
+
+
+def ideal(effect: str) -> bool:
+    """Whether it is a law of a form that no real rope has to the last digit."""
+    return getattr(EFFECTS[effect], "IDEAL", False)
+
+
+def abrupt(effect: str) -> bool:
+    """Whether it sets in past a threshold."""
+    return getattr(EFFECTS[effect], "ABRUPT", False)
 
 
 def library(

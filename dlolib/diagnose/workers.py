@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
+import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from types import TracebackType
@@ -12,6 +14,18 @@ from dlolib.diagnose.study import Study
 from dlolib.progress import track
 
 _STUDY: list[Study] = []
+
+
+def _never_alone() -> None:
+    """End with the first process, however that one ends: it may be killed in the middle of a job."""
+    first = multiprocessing.parent_process()
+    assert first is not None, "this is the first process"
+
+    def wait() -> None:
+        first.join()
+        os._exit(1)
+
+    threading.Thread(target=wait, daemon=True).start()
 
 
 def _begin(study: Study) -> None:
@@ -31,7 +45,7 @@ class Workers:
 
     def __init__(self, count: int) -> None:
         context = multiprocessing.get_context("spawn")
-        self._others = [ProcessPoolExecutor(1, context) for _ in range(count - 1)]
+        self._others = [ProcessPoolExecutor(1, context, _never_alone) for _ in range(count - 1)]
         self._study: Study | None = None
 
     def __enter__(self) -> Workers:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -14,7 +14,7 @@ from dlolib.errors import ParameterError, SimulationError
 from dlolib.identify.intervals import bootstrap
 from dlolib.identify.parameters import Unknown, acting, candidates
 from dlolib.identify.problem import Bools, Problem, axes
-from dlolib.sim.poses import model_of
+from dlolib.sim.poses import model_of, near
 from dlolib.sim.rod import Rod, unit_of
 from dlolib.types import Estimate, Fit, Floats, Recording
 
@@ -87,7 +87,9 @@ def particles_for(length_m: float, settings: Mesh) -> int:
 
 
 def identify(
-    recordings: Sequence[Recording], settings: IdentifySettings, effects: Mapping[str, float] | None = None
+    recordings: Sequence[Recording],
+    settings: IdentifySettings,
+    given: Sequence[Rod] | None = None,
 ) -> Identified:
     """Fit one object's stiffness to its recordings by Levenberg-Marquardt on forward sensitivities.
 
@@ -97,12 +99,13 @@ def identify(
     Args:
         recordings: of one object.
         settings: see there.
-        effects: further physics that holds while EI and GJ are fitted, `<effect>.<parameter>` to value.
+        given: the rod of each recording, whose further physics holds while EI and GJ are fitted; first shapes
+            are sought from that without it, as in a diagnosis.
 
     Raises:
         ParameterError: a name in `settings.parameters` is unknown or does not act.
     """
-    problem, theta = _begin(recordings, settings, effects or {})
+    problem, theta = _begin(recordings, settings, given)
     problem, theta = _acting_only(problem, theta, settings)
     history: list[Floats] = []
     theta = _best_start(problem, theta, settings, history)
@@ -119,27 +122,33 @@ def identify(
 
 
 def _begin(
-    recordings: Sequence[Recording], settings: IdentifySettings, effects: Mapping[str, float]
+    recordings: Sequence[Recording], settings: IdentifySettings, given: Sequence[Rod] | None
 ) -> tuple[Problem, Floats]:
-    """The problem with every candidate, at the best of a few stiffnesses decades apart."""
+    """The problem with every candidate, at the stiffness given or the best of a few, decades apart."""
     models, rods, used = [], [], []
-    for recording in recordings:
+    for k, recording in enumerate(recordings):
         n = particles_for(recording.rope.length_m, settings)
-        models.append(model_of(recording, n, settings.time_step_s, settings.sweeps))
-        rods.append(Rod(recording.rope, 1.0, 1.0, effects, n))
+        model = model_of(recording, n, settings.time_step_s, settings.sweeps)
+        if given is not None:
+            model = near(model, replace(given[k], effects={}))
+        models.append(model)
+        rods.append(Rod(recording.rope, 1.0, 1.0, {} if given is None else given[k].effects, n))
         used.append(~_declared(recording))
     offsets = tuple(np.zeros_like(r.points.xyz_m) for r in recordings)
     problem = Problem(tuple(models), tuple(rods), tuple(used), offsets, candidates(recordings))
-    density = rods[0].linear_density
+    if given is not None:
+        return problem, _coordinates(problem, given[0].bending_stiffness)
+    starts = [_coordinates(problem, ratio * rods[0].linear_density) for ratio in FIRST_STIFFNESS_M4_S2]
+    costs = [float(np.sum(problem.residuals(start) ** 2)) for start in starts]
+    return problem, starts[int(np.argmin(costs))]
 
-    def coordinates(ratio: float) -> Floats:
-        rod = problem.rods[0]
-        return np.array(
-            [u.inward(ratio * density) if u.stiffness else rod.value(u.name) for u in problem.unknowns]
-        )
 
-    costs = [float(np.sum(problem.residuals(coordinates(ratio)) ** 2)) for ratio in FIRST_STIFFNESS_M4_S2]
-    return problem, coordinates(FIRST_STIFFNESS_M4_S2[int(np.argmin(costs))])
+def _coordinates(problem: Problem, stiffness: float) -> Floats:
+    """Where EI and GJ are this [N m²] and all else is as in the rods."""
+    rods, unknowns = problem.rods, problem.unknowns
+    return np.array(
+        [u.inward(stiffness if u.stiffness else rods[u.recording or 0].value(u.name)) for u in unknowns]
+    )
 
 
 def _best_start(problem: Problem, theta: Floats, settings: IdentifySettings, history: list[Floats]) -> Floats:
@@ -196,7 +205,7 @@ def _corrected(problem: Problem, theta: Floats, settings: IdentifySettings) -> P
     for k, model in enumerate(problem.models):
         rod = problem.rod(k, theta)
         fine = FINER * (rod.particles - 1) + 1
-        finely = model_of(model.recording, fine, settings.time_step_s).predict(rod.with_particles(fine))
+        finely = replace(model, particles=fine).predict(rod.with_particles(fine))
         offsets.append(finely.xyz_m - model.predict(rod).xyz_m)
     return replace(problem, offsets=tuple(offsets))
 

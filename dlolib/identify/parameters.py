@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dlolib.sim.effects import parameter
+from dlolib.sim.effects import EFFECTS, parameter
+from dlolib.sim.effects.base import sizes
 from dlolib.types import Floats, Recording
 
 STIFFNESSES = ("bending_stiffness", "torsional_stiffness")
@@ -37,6 +38,12 @@ class Unknown:
     def stiffness(self) -> bool:
         """Whether it is EI or GJ."""
         return self.name in STIFFNESSES
+
+    @property
+    def size(self) -> bool:
+        """Whether it says how large an effect is, not where, when or how."""
+        name, _, part = self.name.partition(".")
+        return not self.stiffness and part in sizes(EFFECTS[name])
 
     @property
     def scale(self) -> float:

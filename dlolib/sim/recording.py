@@ -38,7 +38,8 @@ from dlolib.types import Floats, Motion, Pose, Recording
 LARGEST_MOVE_M, LARGEST_TURN_RAD = 0.01, 0.1
 REMEMBERED = 0.4
 # Frames so close to each other in way, in units of that step, and in time, as a share of the recording, are
-# not each solved for: between them the rope goes in a straight line but for some 0.01 % of its length.
+# not each solved for: between them the rope goes in a straight line but for some 0.01 % of its length, 0.2 %
+# where it swings far for what its ends do.
 CLOSE, BRIEF = 0.25, 0.01
 # A difference for a derivative is no smaller a share of the value than this.
 LEAST_DIFFERENCE = 1e-9

@@ -84,3 +84,16 @@ def test_a_coarse_mesh_finds_the_stiffness_of_the_continuous_rod() -> None:
     for particles, within in ((30, 0.01), (60, 0.003)):
         found = identify([fine], replace(QUICK, particles=particles)).fit.parameters["bending_stiffness"]
         assert found.value == pytest.approx(EI, rel=within)
+
+
+def test_what_a_verdict_has_for_each_recording_holds_while_stiffness_is_fitted() -> None:
+    shared = {"plastic_bending.yield_curvature": 3.0, "plastic_bending.hardening_ratio": 0.2}
+    rods = [
+        Rod(ROPE, EI, EI, shared),
+        Rod(ROPE, EI, EI, {**shared, "camera_pose.shift_1": 0.02, "end_angle.end_1": 0.2}),
+    ]
+    one, other = (simulated(recording(), rod.with_particles(117)) for rod in rods)
+    found = identify([one, replace(other, name="other")], QUICK, rods).fit
+    assert found.parameters["bending_stiffness"].value == pytest.approx(EI, rel=0.01)
+    assert found.nuisances["other"]["end_angle.end_1"].value == pytest.approx(0.2, abs=0.01)
+    assert found.rmse_m < 2e-4

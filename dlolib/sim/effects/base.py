@@ -36,7 +36,8 @@ class Parameter:
         scale: a change of it that counts as one.
         starts: where a fit begins, if it is to try several.
         along: "rope" or "motion" where it is a place or a time: `starts` are then shares of the rope's length
-            or of the recording's duration, which bound it, too.
+            or of the recording's duration, which bound it, too; "bend" where they are shares of the largest
+            curvature that an elastic rope takes.
         difference: how far a derivative looks to either side, in units of the scale; less where the parameter
             moves a contact, whose force sets in within microns.
     """
@@ -50,7 +51,7 @@ class Parameter:
     scale: float
     starts: tuple[float, ...]
     difference: float = 1e-4
-    along: Literal["", "rope", "motion"] = ""
+    along: Literal["", "rope", "motion", "bend"] = ""
 
 
 class Effect(Protocol):
@@ -60,7 +61,8 @@ class Effect(Protocol):
     sets of parameters that occur together (`forms`); `SIZES`, those that say how large it is (`sizes`); and
     `guess(hint, radius_m)`, values from which a fit may begin where the rope is off as the `Hint` says. A law
     may have `REMEMBERS`: what happened before the recording shows in it (`prior_history`); `IDEAL`: it has a
-    form that no real rope has to the last digit.
+    form that no real rope has to the last digit; `ABRUPT`: it sets in past a threshold, and no linear step
+    foretells what it would gain.
     """
 
     @property

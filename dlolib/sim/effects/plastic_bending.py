@@ -23,11 +23,13 @@ PARAMETERS = (
         0.3,
         200.0,
         0.1,
-        (4.0, 8.0, 14.0),
+        (0.3, 0.55, 0.8, 0.95),
+        along="bend",
     ),
     Parameter("hardening_ratio", "", "stiffness past it over that before", 0.0, 0.0, 2.0, 0.05, (0.2,)),
 )
 IDEAL = True
+ABRUPT = True
 REMEMBERS = True
 SIZES = ("yield_curvature",)
 SYMMETRIC = True

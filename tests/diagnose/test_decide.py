@@ -1,0 +1,59 @@
+"""Which of the fitted models the recordings speak for: made-up fits that leave white noise."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from dlolib.diagnose.decide import decide
+from dlolib.diagnose.fitting import Fitted
+from dlolib.diagnose.search import Searched
+from dlolib.diagnose.study import DiagnoseSettings
+from dlolib.identify.parameters import Unknown
+
+FRAMES, COLUMNS = 90, 28
+NOISE = np.random.default_rng(5).standard_normal((FRAMES, COLUMNS, 3))
+SLOW = np.cos(np.pi * (np.arange(FRAMES) + 0.5) / FRAMES)[:, None, None] * np.ones((FRAMES, COLUMNS, 3))
+STUDY = SimpleNamespace(frames=FRAMES)
+
+
+def left(effects, chi2, parameters=2):
+    """A fit with these effects that leaves so much more in χ² than noise, all of it slow."""
+    slow = SLOW * np.sqrt(chi2 / np.sum(SLOW**2))
+    names = ["bending_stiffness", "torsional_stiffness", *(f"mass_profile.{k}" for k in range(parameters))]
+    unknowns = tuple(map(Unknown, names))
+    count = len(unknowns)
+    whole = NOISE.size + chi2
+    return Fitted(effects, unknowns, np.zeros(count), whole, np.eye(count), (NOISE + slow,), (), 1)
+
+
+def decided(*models):
+    base = left((), 7000.0, 0)
+    ranked = sorted(models, key=lambda one: one.bic(FRAMES))
+    return decide(STUDY, Searched(base, tuple(ranked)), DiagnoseSettings())
+
+
+def test_the_best_model_explains_where_no_other_is_near():
+    found = decided(left(("mass_profile",), 0.0), left(("lateral_load",), 60.0))
+    assert (found.status, found.winner.effects) == ("explained", ("mass_profile",))
+
+
+def test_models_as_good_tie():
+    found = decided(left(("mass_profile",), 0.0), left(("lateral_load",), 5.0))
+    assert found.status == "ambiguous"
+    assert [one.effects for one in found.tie] == [("mass_profile",), ("lateral_load",)]
+
+
+@pytest.mark.parametrize(("behind", "status"), [(100.0, "ambiguous"), (200.0, "explained")])
+def test_an_ideal_law_ties_with_another_that_its_form_may_be_behind(behind, status):
+    found = decided(left(("plastic_bending",), 0.0), left(("internal_friction",), behind))
+    assert found.status == status
+
+
+def test_a_further_effect_must_gain_more_than_chance():
+    found = decided(left(("mass_profile",), 15.0), left(("lateral_load", "mass_profile"), 0.0, 3))
+    assert [one.effects for one in found.tie or (found.winner,)] == [("mass_profile",)]
+
+
+def test_what_the_best_model_leaves_is_owned_up_to():
+    assert decided(left(("mass_profile",), 1500.0)).status == "unexplained"

@@ -1,0 +1,44 @@
+"""Where the fits of a study begin."""
+
+import pytest
+from diagnose.test_diagnose import QUICK, made
+from sim.ropes import EI
+
+from dlolib.diagnose.diagnose import _raw
+from dlolib.diagnose.search import baseline
+from dlolib.diagnose.study import acting_only
+from dlolib.identify.identify import FIRST_STIFFNESS_M4_S2
+from dlolib.identify.parameters import Unknown
+
+
+@pytest.fixture(scope="module")
+def study():
+    return acting_only(_raw([made({})], QUICK), FIRST_STIFFNESS_M4_S2)
+
+
+def test_a_fit_begins_also_where_the_effect_is_not_there_yet(study):
+    ratios = [
+        one["anisotropic_bending.stiffness_ratio"]
+        for one in study.starts("anisotropic_bending", ("stiffness_ratio",), [])
+    ]
+    assert ratios == [0.5, 2.0, 1.0]
+    starts = study.starts("internal_friction", ("saturation_curvature", "transition_curvature"), [])
+    absent = [one for one in starts if one["internal_friction.saturation_curvature"] == 0.0]
+    assert len(starts) == 6 and len({one["internal_friction.transition_curvature"] for one in absent}) == 2
+
+
+def test_a_rope_yields_first_below_its_largest_curvature(study):
+    starts = study.starts("plastic_bending", ("yield_curvature", "hardening_ratio"), [])
+    yields = [one["plastic_bending.yield_curvature"] for one in starts]
+    assert 0.5 * study.most_bent_1_m < max(yields) < study.most_bent_1_m
+    assert len(set(yields)) == len(yields)
+
+
+def test_softer_ropes_are_tried_where_the_stiffness_tells_nothing(study):
+    found = baseline(study).point
+    assert not study.rigid(found) and study.softer(found) == [{}]
+    rigid = dict.fromkeys(map(Unknown, study.stiffnesses), 2e4 * EI)
+    assert study.rigid(rigid)
+    first, *others = study.softer(rigid)
+    assert first == {} and all(set(one) == set(rigid) for one in others)
+    assert all(0 < one[Unknown("bending_stiffness")] < rigid[Unknown("bending_stiffness")] for one in others)

@@ -1,0 +1,48 @@
+"""The processes of a diagnosis."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+STARTED = """
+import time
+from dlolib.diagnose.workers import Workers
+
+def slow(study):
+    print(__import__("os").getpid(), flush=True)
+    time.sleep(60)
+
+if __name__ == "__main__":
+    with Workers(2) as run:
+        run.begin(None, slow)
+        time.sleep(60)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX's")
+def test_no_process_outlives_a_killed_diagnosis(tmp_path: Path) -> None:
+    script = tmp_path / "started.py"
+    script.write_text(STARTED)
+    first = subprocess.Popen([sys.executable, str(script)], stdout=subprocess.PIPE, text=True)
+    assert first.stdout is not None
+    other = int(first.stdout.readline())
+    first.kill()
+    first.wait()
+    deadline = time.monotonic() + 10
+    while time.monotonic() < deadline and _lives(other):
+        time.sleep(0.1)
+    lives = _lives(other)
+    if lives:
+        os.kill(other, signal.SIGKILL)
+    assert not lives
+
+
+def _lives(process: int) -> bool:
+    """A process that ended and that nobody waited for counts as ended."""
+    state = Path(f"/proc/{process}/stat")
+    return state.exists() and state.read_text().rsplit(")", 1)[1].split()[0] != "Z"
