@@ -23,7 +23,7 @@ PARAMETERS = (
         0.3,
         200.0,
         0.1,
-        (0.3, 0.55, 0.8, 0.95),
+        (0.1, 0.2, 0.35, 0.6, 0.9),
         along="bend",
     ),
     Parameter("hardening_ratio", "", "stiffness past it over that before", 0.0, 0.0, 2.0, 0.05, (0.2,)),
