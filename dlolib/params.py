@@ -145,6 +145,7 @@ class Diagnose(Block):
     partners: Count
     workers: Count
     heldout_share: Annotated[float, Field(ge=0, lt=1)]
+    most_frames: Count
     seed: Seed
 
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy import stats
 
 from dlolib.diagnose.fitting import Fitted
 from dlolib.diagnose.residuals import explains, slow_modes
@@ -65,12 +64,11 @@ def _earned(model: Fitted, searched: Searched, settings: DiagnoseSettings) -> bo
 
 
 def _better(model: Fitted, fewer: Fitted, base: Fitted, settings: DiagnoseSettings) -> bool:
-    """Whether more effects gain more than chance would (Wilks' test), and more than a law's form is off."""
+    """Whether more effects gain more than chance would, and more than a law's form is off."""
     gain = fewer.chi2 - model.chi2
     if any(map(ideal, fewer.effects)) and gain < OFF * (base.chi2 - fewer.chi2):
         return False
-    more = max(model.parameters - fewer.parameters, 1)
-    return bool(stats.chi2.sf(gain, more) < settings.chance)
+    return model.by_chance(fewer) < settings.chance
 
 
 def probabilities(study: Study, searched: Searched) -> dict[str, float]:

@@ -142,10 +142,10 @@ def _raw(recordings: Sequence[Recording], settings: DiagnoseSettings) -> Study:
         return seen_as(one, some, whitener, settings)
 
     both = list(zip(recordings, used, strict=True))
-    ahead = {k: seen(one, ~mine) for k, (one, mine) in enumerate(both) if not mine.all()}
-    return Study(
-        tuple(seen(one, mine) for one, mine in both), between(recordings), before(recordings), ahead=ahead
-    )
+    kept = [_kept_points(one, settings.most_frames) for one in recordings]
+    ahead = {k: seen(one, ~mine & kept[k]) for k, (one, mine) in enumerate(both) if not mine.all()}
+    fitted = tuple(seen(one, mine & kept[k]) for k, (one, mine) in enumerate(both))
+    return Study(fitted, between(recordings), before(recordings), ahead=ahead)
 
 
 def _told_by(study: Study, model: Fitted, known: Known) -> Told:
@@ -187,6 +187,12 @@ def _fitted_points(recording: Recording, share: float) -> Bools:
     frames = np.unique(frame)
     kept = len(frames) - int(share * len(frames)) if len(frames) >= SPLIT else len(frames)
     return np.asarray(frame <= frames[kept - 1])
+
+
+def _kept_points(recording: Recording, most: int) -> Bools:
+    """Which points (P,) are looked at: those of every frame, or of so many, evenly spread."""
+    frames, number = np.unique(recording.points.frame, return_inverse=True)
+    return np.asarray(number % int(np.ceil(len(frames) / most)) == 0)
 
 
 __all__ = ["Diagnosis", "diagnose"]

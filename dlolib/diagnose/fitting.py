@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy import stats
 from scipy.optimize import least_squares
 
 from dlolib.diagnose.study import Point, Study, remembers
@@ -55,6 +56,11 @@ class Fitted:
     def bic(self, frames: int) -> float:
         """Schwarz's criterion, with the frames as the observations."""
         return self.chi2 + self.parameters * float(np.log(frames))
+
+    def by_chance(self, fewer: Fitted) -> float:
+        """How likely chance gains as much over a model with fewer effects (Wilks' test)."""
+        more = max(self.parameters - fewer.parameters, 1)
+        return float(stats.chi2.sf(fewer.chi2 - self.chi2, more))
 
 
 @dataclass

@@ -22,6 +22,8 @@ MODES = 8
 # A model whose slow residuals are this unlikely does not explain the recording, if they also are more than
 # a share of what it explains, larger for an ideal law: its form is never quite that of the rope.
 UNLIKELY, NEGLIGIBLE, IDEALLY = 1e-3, 0.01, 0.05
+# A model that leaves less than this of what it explains brings the distance to about half or below.
+LARGELY = 0.25
 # Where any of so many slow modes are less likely than this more may be missing: what gains 40 in χ² shows.
 SLOWER, AMISS = (2, 4, MODES), 0.05
 
@@ -30,7 +32,7 @@ SLOWER, AMISS = (2, 4, MODES), 0.05
 class SlowModes:
     """Energy of the residuals' slow modes over its expectation, and how likely so much is by chance.
 
-    excess: of χ², over what noise alone would leave there.
+    excess: of χ², over what the quick modes tell of noise there.
     """
 
     energy: float
@@ -51,7 +53,7 @@ def slow_modes(residuals: Sequence[Floats], parameters: int, modes: int = MODES)
     scale = quick / quick_count
     energy = slow / max(slow_count, 1) / scale
     p = float(stats.f.sf(energy, max(slow_count, 1), quick_count))
-    return SlowModes(energy, p, slow / scale - slow_count)
+    return SlowModes(energy, p, slow - slow_count * scale)
 
 
 def amiss(model: Fitted) -> bool:
@@ -67,4 +69,10 @@ def explains(model: Fitted, base: Fitted) -> bool:
     return slow.p_value >= UNLIKELY or slow.excess <= share * (base.chi2 - model.chi2)
 
 
-__all__ = ["SlowModes", "amiss", "explains", "slow_modes"]
+def helps(model: Fitted, base: Fitted) -> bool:
+    """Whether a model that does not explain all at least takes up most of it."""
+    slow = slow_modes(model.residuals, len(model.unknowns))
+    return slow.excess <= LARGELY * (base.chi2 - model.chi2)
+
+
+__all__ = ["SlowModes", "amiss", "explains", "helps", "slow_modes"]

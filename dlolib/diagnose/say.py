@@ -11,6 +11,9 @@ from dlolib.diagnose.study import Study
 from dlolib.sim.effects import EFFECTS, parameter
 from dlolib.types import Estimate, Named, Place, Quality
 
+# A sentence holds no more of an effect's parameters than this.
+MOST_NUMBERS = 4
+
 
 def named(
     study: Study, model: Fitted, name: str, probability: float, parameters: Mapping[str, Estimate]
@@ -41,8 +44,10 @@ def _where(
 
 
 def _says(name: str, own: Mapping[str, Estimate]) -> str:
-    """A sentence: what it is, and its numbers."""
-    return f"{EFFECTS[name].SAYS}: {', '.join(_number(part, value) for part, value in own.items())}"
+    """A sentence: what it is, and its numbers, the first ones where there are many."""
+    numbers = [_number(part, value) for part, value in own.items()]
+    more = f" and {len(numbers) - MOST_NUMBERS} more" if len(numbers) > MOST_NUMBERS else ""
+    return f"{EFFECTS[name].SAYS}: {', '.join(numbers[:MOST_NUMBERS])}{more}"
 
 
 def _number(part: str, value: Estimate) -> str:
@@ -67,12 +72,10 @@ def summary(
         seen = f"An elastic rod explains what was seen ({before:.1f} mm RMS)"
         return f"{seen}: nothing is missing that could show."
     place = f" It shows most {_place(where[0])}." if where else ""
-    if decision.status == "unexplained":
-        near = " with ".join(decision.winner.effects)
-        nearest = f" Nearest comes {near}, which leaves {after:.1f} mm." if near else ""
-        what = "Something is missing that no effect of the library explains"
-        return f"{what} ({before:.1f} mm RMS).{place}{nearest}"
     told = "; ".join(one.says for one in effects)
+    if decision.status == "unexplained":
+        what = f"Something is missing that no effect of the library explains ({before:.1f} mm RMS)."
+        return f"{what}{place}{_nearest(decision.winner, told, after)}"
     rest = "" if best.p_value >= UNLIKELY else ", and what is left is more than noise"
     fall = f"The distance falls from {before:.1f} to {after:.1f} mm RMS{rest}."
     first = f"What an elastic rod leaves out: {told}.{place} {fall}"
@@ -81,6 +84,14 @@ def summary(
     others = " or ".join(" with ".join(one.effects) for one in decision.tie[1:])
     mend = f"; to tell them apart, {asked}" if asked else ""
     return f"{first} It cannot be told from {others}{mend}."
+
+
+def _nearest(model: Fitted, told: str, after_mm: float) -> str:
+    if not model.effects:
+        return ""
+    if not told:
+        return f" Nearest comes {' with '.join(model.effects)}, which leaves {after_mm:.1f} mm."
+    return f" Most of it is taken up by what may come near: {told}; {after_mm:.1f} mm are left."
 
 
 def _place(place: Place) -> str:

@@ -2,47 +2,47 @@
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlolib.diagnose.fitting import Fitted, awake, corrected, fit, hypothesis, promise
+from dlolib.diagnose.fitting import Fitted
 from dlolib.diagnose.residuals import amiss, explains
-from dlolib.diagnose.study import DiagnoseSettings, Point, Study, abrupt, library
+from dlolib.diagnose.study import DiagnoseSettings, Study, abrupt, library
+from dlolib.diagnose.tasks import (
+    Task,
+    Terms,
+    as_it_was,
+    beginning,
+    fit_first,
+    hints_of,
+    promised,
+    refit,
+    task_from,
+    terms_of,
+)
 from dlolib.diagnose.workers import Workers
 from dlolib.errors import SimulationError
 from dlolib.identify.identify import FIRST_STIFFNESS_M4_S2
 from dlolib.identify.intervals import FEWEST_POSES, poses
 from dlolib.identify.parameters import Unknown
-from dlolib.sim.effects import EFFECTS, parameter
-from dlolib.sim.effects.base import Hint, forms
+from dlolib.sim.effects import EFFECTS
+from dlolib.sim.effects.base import forms
 from dlolib.sim.rod import STIFFNESSES
-from dlolib.types import Floats
 
-Terms = dict[str, tuple[str, ...]]
 Effects = tuple[str, ...]
-Models = dict[Effects, "Fitted"]
-# Blocks of the recording in which the rope may be off, and from how many of them a fit may begin.
-FRAME_BLOCKS, ROPE_BLOCKS, HINTS = 8, 8, 5
+Models = dict[Effects, Fitted]
 # One more effect is fitted in full where a linear step from the fit without it promises this much in BIC.
-PROMISING = 0.0
+PROMISING = 5.0
 # Models whose BIC is further from the best than this, or than this share of its gain, are fitted well enough.
 NEAR, NEAR_SHARE = 60.0, 0.3
 # Models this near to the best are tried with fewer parameters, too.
 NEAR_PRUNED = 30.0
-
-
-@dataclass(frozen=True)
-class Task:
-    """One model to be fitted: effects with their parameters, and where its fits may begin."""
-
-    terms: Terms
-    starts: tuple[Point, ...]
-    offsets_m: tuple[Floats, ...]
-    best: int
+# How often the baseline's mesh error is made anew; how often effects are looked for beside the best ones, and
+# from how many models on.
+CORRECTIONS, ROUNDS, BEGINNINGS = 2, 4, 3
 
 
 @dataclass(frozen=True)
@@ -53,18 +53,10 @@ class Searched:
     models: tuple[Fitted, ...]
 
 
-# How often the baseline's mesh error is made anew; how often effects are looked for beside the best ones, and
-# from how many models on.
-CORRECTIONS, ROUNDS, BEGINNINGS = 2, 4, 3
-# Evaluations of a fit before it is asked whether another start leads to one better by this in χ²; the share
-# of χ² at which a first fit's steps end.
-ROUGH, AHEAD, FIRST_TOLERANCE = 6, 10.0, 1e-5
-
-
 def search(study: Study, settings: DiagnoseSettings, run: Workers) -> Searched:
     """Fit the baseline, every effect alone, and the pairs that promise something.
 
-    A second effect is sought where the best of these may leave more than noise, a third only where the best
+    A second effect is sought where the elastic rod may leave more than noise, a third only where the best
     pair does not explain what is seen.
     """
     elastic = baseline(study)
@@ -73,7 +65,7 @@ def search(study: Study, settings: DiagnoseSettings, run: Workers) -> Searched:
     together = models and sum(poses(one.model) for one in study.seen) >= FEWEST_POSES
     for size in range(2, settings.most_effects + 1 if together else 0):
         best = _best(study, models)
-        if size == 2 and not amiss(min(best, elastic, key=lambda one: one.bic(study.frames))):
+        if size == 2 and not (amiss(elastic) or best.by_chance(elastic) < settings.chance):
             break
         if size > 2 and (len(best.effects) < size - 1 or _done(study, best, elastic)):
             break
@@ -83,11 +75,16 @@ def search(study: Study, settings: DiagnoseSettings, run: Workers) -> Searched:
 
 
 def searched_again(study: Study, before: Searched, run: Workers) -> Searched:
-    """The same models from where they were, after the noise has become known better."""
-    elastic = _refit(study, Task({}, (before.baseline.point,), before.baseline.offsets_m, 1))
-    tasks = [Task(terms_of(one), (one.point,), one.offsets_m, 1) for one in before.models]
-    again = [one for one in run(_refit, tasks, "once more") if one is not None]
-    return Searched(elastic or before.baseline, _ordered(study, again))
+    """The same models after the noise has become known better: the best fitted once more, the others as they
+    were."""
+    elastic = refit(study, Task({}, (before.baseline.point,), before.baseline.offsets_m, 1))
+    near = _near(study, before.models, before.baseline)
+    again = run(refit, [task_from(one) for one in near], "once more")
+    refitted = {one.effects for one in near}
+    others = [task_from(one) for one in before.models if one.effects not in refitted]
+    far = run(as_it_was, others, "and the others")
+    models = [one for one in (*again, *far) if one is not None]
+    return Searched(elastic or before.baseline, _ordered(study, models))
 
 
 def _ordered(study: Study, models: Iterable[Fitted]) -> tuple[Fitted, ...]:
@@ -99,23 +96,23 @@ def baseline(study: Study) -> Fitted:
     density = study.rod(0, dict.fromkeys(STIFFNESSES, 1.0)).linear_density
     offsets = tuple(np.zeros_like(one.recording.points.xyz_m) for one in study.seen)
     starts = tuple({Unknown(n): ratio * density for n in STIFFNESSES} for ratio in FIRST_STIFFNESS_M4_S2)
-    found = _fit(study, Task({}, starts, offsets, len(starts)))
+    found = fit_first(study, Task({}, starts, offsets, len(starts)))
     for _ in range(CORRECTIONS):
         if found is None:
             mend = "check the recording's units and ends"
             raise SimulationError("no stiffness could be simulated", mend=mend)
-        found = _refit(study, Task({}, (found.point,), offsets, 1))
+        found = refit(study, Task({}, (found.point,), offsets, 1))
     assert found is not None
     return found
 
 
 def _singles(study: Study, baseline: Fitted, settings: DiagnoseSettings, run: Workers) -> list[Fitted]:
-    hints = _hints(study, baseline)
+    hints = hints_of(study, baseline)
     tasks = [
-        _task(study, baseline, {}, name, form, hints, settings.starts)
+        beginning(study, baseline, {}, name, form, hints, settings.starts)
         for name, form in library(study, settings.without)
     ]
-    return _refined(study, run(_fit, tasks, "effects"), baseline, run, "effects")
+    return _refined(study, run(fit_first, tasks, "effects"), baseline, run, "effects")
 
 
 def _best(study: Study, models: Models) -> Fitted:
@@ -176,18 +173,16 @@ def _parts(study: Study, models: Models, size: int, tie: float) -> list[Effects]
 def _partners(study: Study, fewer: Fitted, settings: DiagnoseSettings, run: Workers) -> list[Fitted]:
     """Every other effect beside those of a model: screened by a linear step, the promising ones fitted, and
     those of which none tells."""
-    hints = _hints(study, fewer)
+    hints = hints_of(study, fewer)
     have = terms_of(fewer)
     tasks = [
-        _task(study, fewer, have, name, form, hints, settings.starts)
+        beginning(study, fewer, have, name, form, hints, settings.starts)
         for name, form in library(study, settings.without, tuple(have))
     ]
     beside = " and ".join(fewer.effects)
-    promised = run(_promise, tasks, f"beside {beside}")
+    left = run(promised, tasks, f"beside {beside}")
     penalty = np.log(study.frames)
-    gains = [
-        fewer.chi2 - low - penalty * _more(task, have) for low, task in zip(promised, tasks, strict=True)
-    ]
+    gains = [fewer.chi2 - low - penalty * _more(task, have) for low, task in zip(left, tasks, strict=True)]
     added = [list(task.terms)[-1] for task in tasks]
     ranked = [added[k] for k in np.argsort(gains)[::-1] if gains[k] > PROMISING]
     first = list(dict.fromkeys(ranked))[: settings.partners]
@@ -196,7 +191,7 @@ def _partners(study: Study, fewer: Fitted, settings: DiagnoseSettings, run: Work
         for task, name, gain in zip(tasks, added, gains, strict=True)
         if abrupt(name) or (name in first and gain > PROMISING)
     ]
-    return _refined(study, run(_fit, kept, f"fits beside {beside}"), fewer, run, f"beside {beside}")
+    return _refined(study, run(fit_first, kept, f"fits beside {beside}"), fewer, run, f"beside {beside}")
 
 
 def _pruned(study: Study, models: Models, run: Workers) -> None:
@@ -212,7 +207,7 @@ def _pruned(study: Study, models: Models, run: Workers) -> None:
             fewer = dict(zip(terms, chosen, strict=True))
             if fewer != terms:
                 tasks.append(Task(fewer, (one.point,), one.offsets_m, 1))
-    for one in run(_refit, tasks, "forms"):
+    for one in run(refit, tasks, "forms"):
         key = () if one is None else tuple(sorted(one.effects))
         if one is not None and one.bic(study.frames) < models[key].bic(study.frames):
             models[key] = replace(one, effects=key)
@@ -220,27 +215,6 @@ def _pruned(study: Study, models: Models, run: Workers) -> None:
 
 def _more(task: Task, have: Terms) -> int:
     return sum(len(parts) for name, parts in task.terms.items() if name not in have)
-
-
-def _task(
-    study: Study, at: Fitted, have: Terms, name: str, form: tuple[str, ...], hints: Sequence[Hint], best: int
-) -> Task:
-    starts = tuple(
-        {**at.point, **stiffness, **{Unknown(part): value for part, value in start.items()}}
-        for stiffness in study.softer(at.point)
-        for start in study.starts(name, form, hints)
-    )
-    return Task({**have, name: form}, starts, at.offsets_m, best)
-
-
-def terms_of(model: Fitted) -> Terms:
-    """The parameters fitted of each effect."""
-    terms: Terms = {name: () for name in model.effects}
-    for unknown in model.unknowns:
-        name, _, part = unknown.name.partition(".")
-        if unknown.recording is None and name in terms:
-            terms[name] = (*terms[name], part)
-    return terms
 
 
 def _best_forms(study: Study, found: Sequence[Fitted]) -> list[Fitted]:
@@ -253,88 +227,23 @@ def _best_forms(study: Study, found: Sequence[Fitted]) -> list[Fitted]:
     return list(best.values())
 
 
-def _coordinates(unknowns: Sequence[Unknown], start: Point) -> Floats:
-    """A start in the fit's coordinates; what it does not name is neutral."""
-    return np.array([u.inward(start[u] if u in start else parameter(u.name).neutral) for u in unknowns])
-
-
-def _ranked(study: Study, task: Task) -> list[tuple[float, Floats]]:
-    """What a linear step from each start promises, the best first."""
-    model = hypothesis(study, task.terms, task.offsets_m)
-    ranked = []
-    for start in task.starts:
-        theta = _coordinates(model.unknowns, start)
-        with contextlib.suppress(SimulationError):
-            ranked.append((promise(model, theta), theta))
-            woken = awake(model, theta)
-            if woken is not None:
-                ranked.append((promise(model, woken), woken))
-    return sorted(ranked, key=lambda one: one[0])
-
-
-def _promise(study: Study, task: Task) -> float:
-    ranked = _ranked(study, task)
-    return ranked[0][0] if ranked else np.inf
-
-
-def _fit(study: Study, task: Task) -> Fitted | None:
-    """The best of the fits from the most promising starts; those soon left far behind are not finished."""
-    rough = []
-    for _, theta in _ranked(study, task)[: task.best]:
-        model = hypothesis(study, task.terms, task.offsets_m)
-        try:
-            rough.append((fit(model, theta, ROUGH, FIRST_TOLERANCE), model))
-        except SimulationError:
-            continue
-    if not rough:
-        return None
-    best = min(one.chi2 for one, _ in rough)
-    ahead = [(one, model) for one, model in rough if one.chi2 < best + AHEAD]
-    ends = [fit(model, one.theta, tolerance=FIRST_TOLERANCE) for one, model in ahead]
-    return min(ends, key=lambda one: one.chi2)
-
-
-def _refit(study: Study, task: Task) -> Fitted | None:
-    """The fit once more from its own optimum, with the mesh's error as it is there."""
-    start = task.starts[0]
-    try:
-        model = hypothesis(study, task.terms, corrected(study, start))
-        return fit(model, _coordinates(model.unknowns, start))
-    except SimulationError:
-        return None
-
-
 def _refined(
     study: Study, found: Sequence[Fitted | None], baseline: Fitted, run: Workers, what: str
 ) -> list[Fitted]:
     """The best forms; those that gain and are near the best with the mesh's error at their own optimum."""
     fits = _best_forms(study, [one for one in found if one is not None])
-    best = min((one.bic(study.frames) for one in fits), default=np.inf)
-    margin = max(NEAR, NEAR_SHARE * (baseline.bic(study.frames) - best))
-    below = min(best + margin, baseline.bic(study.frames))
-    near = [one for one in fits if one.bic(study.frames) < below]
-    tasks = [Task(terms_of(one), (one.point,), one.offsets_m, 1) for one in near]
-    again = run(_refit, tasks, f"{what}, refined")
+    near = _near(study, fits, baseline)
+    again = run(refit, [task_from(one) for one in near], f"{what}, refined")
     better = {one.effects: new for one, new in zip(near, again, strict=True) if new is not None}
     return [better.get(one.effects, one) for one in fits]
 
 
-def _hints(study: Study, at: Fitted) -> list[Hint]:
-    """Where the rope is most off, in blocks of frames and rope of each recording."""
-    hints = []
-    for k, one in enumerate(study.seen):
-        simulated = one.model.predict(study.rod(k, at.values(k))).xyz_m + at.offsets_m[k]
-        points = one.recording.points
-        off = points.xyz_m - simulated
-        frame = np.unique(points.frame, return_inverse=True)[1]
-        block = frame * FRAME_BLOCKS // (frame.max() + 1)
-        share = points.s_m / one.recording.rope.length_m
-        part = np.minimum(share * ROPE_BLOCKS, ROPE_BLOCKS - 1).astype(int)
-        for number in np.unique(block * ROPE_BLOCKS + part):
-            mine = block * ROPE_BLOCKS + part == number
-            mean = off[mine].mean(axis=0)
-            hints.append((float(mean @ mean) * mine.sum(), Hint(points.xyz_m[mine].mean(axis=0), mean)))
-    return [hint for _, hint in sorted(hints, key=lambda h: -h[0])[:HINTS]]
+def _near(study: Study, fits: Sequence[Fitted], baseline: Fitted) -> list[Fitted]:
+    """Those that gain and are near the best."""
+    best = min((one.bic(study.frames) for one in fits), default=np.inf)
+    margin = max(NEAR, NEAR_SHARE * (baseline.bic(study.frames) - best))
+    below = min(best + margin, baseline.bic(study.frames))
+    return [one for one in fits if one.bic(study.frames) < below]
 
 
-__all__ = ["Searched", "baseline", "search", "searched_again", "terms_of"]
+__all__ = ["Searched", "baseline", "search", "searched_again"]

@@ -49,6 +49,7 @@ class DiagnoseSettings:
         partners: how many effects are tried beside the best one.
         workers: processes.
         heldout_share: share of the frames, the last ones, held out where the recording does not say which.
+        most_frames: of a recording with more only every second, third or later one is looked at.
         seed: of the bootstraps.
     """
 
@@ -63,6 +64,7 @@ class DiagnoseSettings:
     partners: int = 6
     workers: int = 2
     heldout_share: float = 0.25
+    most_frames: int = 200
     seed: int = 0
 
 

@@ -13,7 +13,7 @@ from dlolib.diagnose.fitting import Fitted
 from dlolib.diagnose.heldout import Foretold
 from dlolib.diagnose.locate import Scan
 from dlolib.diagnose.nuisances import mounted_otherwise
-from dlolib.diagnose.residuals import slow_modes
+from dlolib.diagnose.residuals import helps, slow_modes
 from dlolib.diagnose.say import named, summary
 from dlolib.diagnose.search import Searched
 from dlolib.diagnose.study import Study
@@ -61,7 +61,8 @@ def verdict_of(found: Found) -> Verdict:
     noise, source = found.noise
     base, best = _quality(found, found.searched.baseline), _quality(found, decision.winner)
     share = probabilities(study, found.searched)
-    names = decision.winner.effects if decision.status in ("explained", "ambiguous") else ()
+    told = decision.status in ("explained", "ambiguous") or helps(decision.winner, found.searched.baseline)
+    names = decision.winner.effects if told else ()
     effects = tuple(named(study, decision.winner, name, share[name], best.parameters) for name in names)
     mismatch = decision.status != "no_mismatch"
     where = sorted((p for s in found.scans for p in s.places), key=lambda p: -p.strength) if mismatch else []

@@ -7,6 +7,7 @@ import pytest
 
 from dlolib.diagnose.decide import decide
 from dlolib.diagnose.fitting import Fitted
+from dlolib.diagnose.residuals import helps
 from dlolib.diagnose.search import Searched
 from dlolib.diagnose.study import DiagnoseSettings
 from dlolib.identify.parameters import Unknown
@@ -67,3 +68,9 @@ def test_a_further_effect_must_gain_more_than_chance():
 )
 def test_what_the_best_model_leaves_is_owned_up_to(effect, rest, status):
     assert decided(left((effect,), rest)).status == status
+
+
+@pytest.mark.parametrize(("rest", "named"), [(1500.0, False), (800.0, True)])
+def test_what_takes_up_most_of_it_is_named_all_the_same(rest, named):
+    """What remains is more than a quarter of what is explained, or less."""
+    assert helps(left(("mass_profile",), rest), left((), 7000.0, 0)) is named

@@ -10,7 +10,7 @@ import pytest
 from sim.ropes import EI, GJ, GRAVITY, LEVEL, ROPE
 
 from dlolib.cli import run
-from dlolib.diagnose import DiagnoseSettings, Diagnosis, diagnose, write_diagnosis
+from dlolib.diagnose import DiagnoseSettings, Diagnosis, diagnose, search, write_diagnosis
 from dlolib.diagnose.detect import gain_needed
 from dlolib.diagnose.fitting import fit, hypothesis
 from dlolib.errors import ParameterError
@@ -91,6 +91,21 @@ def test_what_was_planted_is_named(name: str, effects: set[str], parameters: dic
     best = verdict.candidates[0]
     assert best.heldout_delta_chi2 is not None and best.heldout_delta_chi2 < 0
     assert {one.kind for one in verdict.candidates} >= {"library", "black_box"}
+
+
+def test_a_second_effect_is_sought_where_the_first_leaves_but_noise(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a second effect that hardly shows the slow modes need not tell."""
+    monkeypatch.setattr(search, "amiss", lambda model: False)
+    verdict = diagnose([made({**PLANTED["spot"], "clock_offset.time": 0.03})], QUICK).verdict
+    assert {one.name for one in verdict.effects} == {"stiffness_profile", "clock_offset"}
+
+
+def test_of_many_frames_some_are_looked_at_evenly() -> None:
+    settings = replace(QUICK, without=tuple(EFFECTS), most_frames=15)
+    seen = diagnose([made({})], settings).found.study
+    looked_at = [np.unique(one.recording.points.frame) for one in (*seen.seen, *seen.ahead.values())]
+    assert np.concatenate(looked_at).tolist() == list(range(0, FRAMES, 3))
+    assert looked_at[0][-1] < 0.75 * FRAMES <= looked_at[1][0]
 
 
 def test_a_soft_spot_is_located_before_it_is_named() -> None:

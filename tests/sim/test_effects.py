@@ -33,7 +33,7 @@ class Try:
 YIELDING = {"plastic_bending.yield_curvature": 6.0, "plastic_bending.hardening_ratio": 0.2}
 RUBBING = {"internal_friction.saturation_curvature": 1.0, "internal_friction.transition_curvature": 2.0}
 TRIES = {
-    "rest_curvature": Try({"kappa_1": 0.5, "kappa_2": -1.0}),
+    "rest_curvature": Try({"kappa_1": 0.5, "kappa_2": -1.0, "wave_1_2": 0.5, "wave_2_3": 1.5}),
     "plastic_bending": Try({"yield_curvature": 3.0, "hardening_ratio": 0.2}, ("end_twist.end",)),
     "internal_friction": Try(
         {"saturation_curvature": 1.0, "transition_curvature": 2.0}, ("torsional_stiffness",)

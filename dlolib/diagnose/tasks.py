@@ -1,0 +1,146 @@
+"""A model to be fitted: its effects, where its fits may begin, and the fits."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlolib.diagnose.fitting import Fitted, awake, corrected, fit, fitted, hypothesis, promise
+from dlolib.diagnose.study import Point, Study
+from dlolib.errors import SimulationError
+from dlolib.identify.parameters import Unknown
+from dlolib.sim.effects import parameter
+from dlolib.sim.effects.base import Hint
+from dlolib.types import Floats
+
+Terms = dict[str, tuple[str, ...]]
+# Blocks of the recording in which the rope may be off, and from how many of them a fit may begin.
+FRAME_BLOCKS, ROPE_BLOCKS, HINTS = 8, 8, 5
+# Evaluations of a fit before it is asked whether another start leads to one better by this in χ²; the share
+# of χ² at which a first fit's steps end.
+ROUGH, AHEAD, FIRST_TOLERANCE = 6, 10.0, 1e-5
+
+
+@dataclass(frozen=True)
+class Task:
+    """One model to be fitted: effects with their parameters, and where its fits may begin."""
+
+    terms: Terms
+    starts: tuple[Point, ...]
+    offsets_m: tuple[Floats, ...]
+    best: int
+
+
+def terms_of(model: Fitted) -> Terms:
+    """The parameters fitted of each effect."""
+    terms: Terms = {name: () for name in model.effects}
+    for unknown in model.unknowns:
+        name, _, part = unknown.name.partition(".")
+        if unknown.recording is None and name in terms:
+            terms[name] = (*terms[name], part)
+    return terms
+
+
+def task_from(one: Fitted) -> Task:
+    """A fitted model once more, from where it is."""
+    return Task(terms_of(one), (one.point,), one.offsets_m, 1)
+
+
+def beginning(
+    study: Study, at: Fitted, have: Terms, name: str, form: tuple[str, ...], hints: Sequence[Hint], best: int
+) -> Task:
+    """One more effect beside those of a fitted model, from there; `best` of its starts are fitted in full."""
+    starts = tuple(
+        {**at.point, **stiffness, **{Unknown(part): value for part, value in start.items()}}
+        for stiffness in study.softer(at.point)
+        for start in study.starts(name, form, hints)
+    )
+    return Task({**have, name: form}, starts, at.offsets_m, best)
+
+
+def coordinates(unknowns: Sequence[Unknown], start: Point) -> Floats:
+    """A start in the fit's coordinates; what it does not name is neutral."""
+    return np.array([u.inward(start[u] if u in start else parameter(u.name).neutral) for u in unknowns])
+
+
+def _ranked(study: Study, task: Task) -> list[tuple[float, Floats]]:
+    """What a linear step from each start promises, the best first."""
+    model = hypothesis(study, task.terms, task.offsets_m)
+    ranked = []
+    for start in task.starts:
+        theta = coordinates(model.unknowns, start)
+        with contextlib.suppress(SimulationError):
+            ranked.append((promise(model, theta), theta))
+            woken = awake(model, theta)
+            if woken is not None:
+                ranked.append((promise(model, woken), woken))
+    return sorted(ranked, key=lambda one: one[0])
+
+
+def promised(study: Study, task: Task) -> float:
+    """The χ² that a linear step from the best of the starts would reach."""
+    ranked = _ranked(study, task)
+    return ranked[0][0] if ranked else np.inf
+
+
+def fit_first(study: Study, task: Task) -> Fitted | None:
+    """The best of the fits from the most promising starts; those soon left far behind are not finished."""
+    rough = []
+    for _, theta in _ranked(study, task)[: task.best]:
+        model = hypothesis(study, task.terms, task.offsets_m)
+        try:
+            rough.append((fit(model, theta, ROUGH, FIRST_TOLERANCE), model))
+        except SimulationError:
+            continue
+    if not rough:
+        return None
+    best = min(one.chi2 for one, _ in rough)
+    ahead = [(one, model) for one, model in rough if one.chi2 < best + AHEAD]
+    ends = [fit(model, one.theta, tolerance=FIRST_TOLERANCE) for one, model in ahead]
+    return min(ends, key=lambda one: one.chi2)
+
+
+def refit(study: Study, task: Task) -> Fitted | None:
+    """The fit once more from its own optimum, with the mesh's error as it is there."""
+    start = task.starts[0]
+    try:
+        model = hypothesis(study, task.terms, corrected(study, start))
+        return fit(model, coordinates(model.unknowns, start))
+    except SimulationError:
+        return None
+
+
+def as_it_was(study: Study, task: Task) -> Fitted | None:
+    """The model at its start, as this study sees it."""
+    model = hypothesis(study, task.terms, task.offsets_m)
+    try:
+        return fitted(model, coordinates(model.unknowns, task.starts[0]))
+    except SimulationError:
+        return None
+
+
+def hints_of(study: Study, at: Fitted) -> list[Hint]:
+    """Where the rope is most off, in blocks of frames and rope of each recording."""
+    hints = []
+    for k, one in enumerate(study.seen):
+        simulated = one.model.predict(study.rod(k, at.values(k))).xyz_m + at.offsets_m[k]
+        points = one.recording.points
+        off = points.xyz_m - simulated
+        frame = np.unique(points.frame, return_inverse=True)[1]
+        block = frame * FRAME_BLOCKS // (frame.max() + 1)
+        share = points.s_m / one.recording.rope.length_m
+        part = np.minimum(share * ROPE_BLOCKS, ROPE_BLOCKS - 1).astype(int)
+        for number in np.unique(block * ROPE_BLOCKS + part):
+            mine = block * ROPE_BLOCKS + part == number
+            mean = off[mine].mean(axis=0)
+            hints.append((float(mean @ mean) * mine.sum(), Hint(points.xyz_m[mine].mean(axis=0), mean)))
+    return [hint for _, hint in sorted(hints, key=lambda h: -h[0])[:HINTS]]
+
+
+__all__ = [
+    "Task", "Terms", "as_it_was", "beginning", "coordinates", "fit_first", "hints_of", "promised", "refit",
+    "task_from", "terms_of",
+]  # fmt: skip
