@@ -35,7 +35,7 @@ from dlolib.sim.rod import STIFFNESSES
 Effects = tuple[str, ...]
 Models = dict[Effects, Fitted]
 # One more effect is fitted in full where a linear step from the fit without it promises this much in BIC.
-PROMISING = 5.0
+PROMISING = 0.0
 # Models whose BIC is further from the best than this, or than this share of its gain, are fitted well enough.
 NEAR, NEAR_SHARE = 60.0, 0.3
 # Models this near to the best are tried with fewer parameters, too.
