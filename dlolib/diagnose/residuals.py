@@ -22,6 +22,8 @@ MODES = 8
 # A model whose slow residuals are this unlikely does not explain the recording, if they also are more than
 # a share of what it explains, larger for an ideal law: its form is never quite that of the rope.
 UNLIKELY, NEGLIGIBLE, IDEALLY = 1e-3, 0.01, 0.05
+# A deviation of the noise that is declared or seen may be off by this factor.
+BADLY_KNOWN = 2.0
 # A model that leaves less than this of what it explains brings the distance to about half or below.
 LARGELY = 0.25
 # Where any of so many slow modes are less likely than this more may be missing: what gains 40 in χ² shows.
@@ -66,13 +68,19 @@ def explains(model: Fitted, base: Fitted) -> bool:
     """Whether a model leaves but noise, or little of what it explains."""
     slow = slow_modes(model.residuals, len(model.unknowns))
     share = IDEALLY if any(map(ideal, model.effects)) else NEGLIGIBLE
-    return slow.p_value >= UNLIKELY or slow.excess <= share * (base.chi2 - model.chi2)
+    return slow.p_value >= UNLIKELY or _left(model, slow) <= share * (base.chi2 - model.chi2)
 
 
 def helps(model: Fitted, base: Fitted) -> bool:
     """Whether a model that does not explain all at least takes up most of it."""
     slow = slow_modes(model.residuals, len(model.unknowns))
-    return slow.excess <= LARGELY * (base.chi2 - model.chi2)
+    return _left(model, slow) <= LARGELY * (base.chi2 - model.chi2)
+
+
+def _left(model: Fitted, slow: SlowModes) -> float:
+    """What is not noise of a model's χ²: the excess of the slow modes, or all that is more than noise of a
+    deviation known that badly; what is missing in a quick motion shows in quick modes, too."""
+    return max(slow.excess, model.chi2 - BADLY_KNOWN**2 * sum(grid.size for grid in model.residuals))
 
 
 __all__ = ["SlowModes", "amiss", "explains", "helps", "slow_modes"]

@@ -1,5 +1,6 @@
 """Which of the fitted models the recordings speak for: made-up fits that leave white noise."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 
 from dlolib.diagnose.decide import decide
 from dlolib.diagnose.fitting import Fitted
-from dlolib.diagnose.residuals import helps
+from dlolib.diagnose.residuals import explains, helps
 from dlolib.diagnose.search import Searched
 from dlolib.diagnose.study import DiagnoseSettings
 from dlolib.identify.parameters import Unknown
@@ -74,3 +75,11 @@ def test_what_the_best_model_leaves_is_owned_up_to(effect, rest, status):
 def test_what_takes_up_most_of_it_is_named_all_the_same(rest, named):
     """What remains is more than a quarter of what is explained, or less."""
     assert helps(left(("mass_profile",), rest), left((), 7000.0, 0)) is named
+
+
+def test_what_is_quick_is_no_noise_where_that_is_known_to_be_less():
+    """Residuals three times the noise, in quick modes most of all: not explained, however white they are."""
+    model = left(("mass_profile",), 500.0)
+    loud = replace(model, residuals=(3 * model.residuals[0],), chi2=9 * model.chi2)
+    elastic = left((), 150000.0, 0)
+    assert explains(model, elastic) and not explains(loud, elastic)
