@@ -83,9 +83,18 @@ SIZE ?= 50
 proof: .venv/installed ## the blind proof: SHARDS of SIZE recordings drawn from secret seeds, diagnosed and scored
 	@python -m stages.proof --shards $(SHARDS) --size $(SIZE)
 
+.PHONY: proof-without
+proof-without: .venv/installed ## what was found alone once more, its effect taken out of the library
+	@python -m stages.proof --without
+
 .PHONY: proof-calibration
 proof-calibration: .venv/installed ## recordings of the proof's laboratory with their answers, to set thresholds by
 	@python -m stages.proof --calibration
+
+.PHONY: proof-sizes
+proof-sizes: COUNT = 100
+proof-sizes: .venv/installed ## COUNT=100 effects planted at exactly the size that `detectable` names (3 hours)
+	@python -m stages.proof_sizes --count "$(COUNT)"
 
 .PHONY: practice
 practice: .venv/installed ## diagnose recordings in DATA=DIR whose truth.json lies beside them, and score them

@@ -11,7 +11,7 @@ from report.diagnosed import write_diagnosed
 
 from dlolib.files import write_csv, write_json
 from dlolib.formats import write_capture_index, write_fit, write_layout, write_motion, write_recording
-from dlolib.proof.score import summarise
+from dlolib.proof.score import share, summarise
 from dlolib.report.pictures import project
 from dlolib.types import (
     Camera,
@@ -330,6 +330,7 @@ def _write_proof(folder: Path) -> None:
     ]
     shards = {"started": 2, "scored": 1, "version": "0a1b", "shards": ["shard_1"]}
     write_json(folder / "proof/summary.json", shards | summarise(rows))
+    write_json(folder / "proof/sizes.json", {"found": share(9, 10)})
     held = {"true": 3e-4, "value": 3.02e-4, "low": 2.9e-4, "high": 3.1e-4, "inside": True}
     one = {"seconds": 31.0, "status": "explained", "named": ["clock_offset"], "true": ["clock_offset"]}
     planted = {"bending_stiffness": held, "clock_offset.time": {**held, "inside": False}}

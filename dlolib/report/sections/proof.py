@@ -23,6 +23,11 @@ SHARES = {
     "false_alarms": ("nothing missing, and yet an alarm", "≤ 1 %"),
     "place": ("named place within 15 mm", "≥ 90 %"),
 }
+# Counted beside it: the file, the share's key in it, what it is, and its goal.
+BESIDE = {
+    "without.json": ("owned_up", "the true effect taken out of the library, and that noticed", "≥ 80 %"),
+    "sizes.json": ("found", "planted at the size that `detectable` names, and found", "85 to 99 %"),
+}
 OUTCOMES = {
     "right": ROD,
     "tied": "#9CC3DE",
@@ -40,7 +45,8 @@ def section(results: Results, figures: Path) -> Section:
     if not proof or not proof["recordings"]:
         blocks.append(Missing("The blind proof was not run: `make proof` runs a shard of it."))
     else:
-        blocks += [_words(proof), _shares(proof)]
+        beside = [_beside(results, *one) for one in BESIDE.items()]
+        blocks += [_words(proof), _shares(proof, [row for row in beside if row])]
         if proof["by_effect"]:
             blocks.append(_outcomes(proof, figures))
         blocks.append(_confusion(proof))
@@ -70,18 +76,31 @@ def _words(proof: Mapping[str, Any]) -> Paragraph:
     return Paragraph(text)
 
 
-def _shares(proof: Mapping[str, Any]) -> Table:
-    rows = [(label, *_share(proof[key], "recordings"), goal) for key, (label, goal) in SHARES.items()]
+def _beside(results: Results, file: str, shown: tuple[str, str, str]) -> tuple[str, ...]:
+    key, label, goal = shown
+    found = results.json("proof", file)
+    return () if found is None else (label, *_share(found[key], "recordings"), goal)
+
+
+def _shares(proof: Mapping[str, Any], beside: list[tuple[str, ...]]) -> Table:
+    rows: list[tuple[str, ...]] = [
+        (label, *_share(proof[key], "recordings"), goal) for key, (label, goal) in SHARES.items()
+    ]
     coverage = {
         "95 % intervals that hold the truth": proof["coverage"],
         "the same, of laws' own forms": proof["coverage_forms"],
     }
     rows += [(label, *_share(one["all"], "intervals"), "90 to 99 %") for label, one in coverage.items()]
+    rows += beside
     columns = (
         Column("What", align="left"), Column("Count"), Column("Share", "%"), Column("95 % interval", "%"),
         Column("Goal"),
     )  # fmt: skip
-    return Table("The blind proof (`make proof`), with Wilson's intervals.", columns, tuple(rows))
+    return Table(
+        "The blind proof (`make proof`, `make proof-without`, `make proof-sizes`), with Wilson's intervals.",
+        columns,
+        tuple(rows),
+    )
 
 
 def _share(found: Mapping[str, Any], what: str) -> tuple[str, str, str]:
