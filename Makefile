@@ -96,6 +96,10 @@ proof-sizes: COUNT = 100
 proof-sizes: .venv/installed ## COUNT=100 effects planted at exactly the size that `detectable` names (3 hours)
 	@python -m stages.proof_sizes --count "$(COUNT)"
 
+.PHONY: proof-next
+proof-next: .venv/installed ## the motions that ties of the scored shards ask for, played and diagnosed with the first recording
+	@python -m stages.proof_next
+
 .PHONY: practice
 practice: .venv/installed ## diagnose recordings in DATA=DIR whose truth.json lies beside them, and score them
 	@[ -n "$(DATA)" ] || { echo "make practice: DATA is not set; say where the recordings lie: make practice DATA=DIR" >&2; exit 2; }

@@ -40,6 +40,7 @@ CALIBRATION = WORK / "calibration"
 BOOK = REPORTS / "proof"
 COMMAND = "dlo diagnose {recording} --out {out} --workers 1"
 FILES = ("recording.json", "motion.csv", "points.csv")
+KEPT = ("verdict.json", "next_motion.csv")
 WORKERS, LIMIT_S = 2, 1800
 CALIBRATION_NULLS, CALIBRATION_SIZE = 12, 3.0
 
@@ -99,7 +100,7 @@ def finish(shard: str, command: str) -> None:
     if shard not in {row["shard"] for row in book.runs(BOOK)}:
         book.note(BOOK, shard, SEALED / shard, sealed["size"])
     names = sorted(path.name for path in (RECORDINGS / shard).iterdir())
-    tasks = [(RECORDINGS / shard / name, VERDICTS / shard / name, command) for name in names]
+    tasks = [((RECORDINGS / shard / name,), VERDICTS / shard / name, command) for name in names]
     together(ThreadPoolExecutor(WORKERS), diagnose, tasks, f"diagnosing {shard}")
     rows = {name: score(_verdict(VERDICTS / shard / name), _answer(shard, name)) for name in names}
     book.settle(BOOK, shard, SEALED / shard, sealed["seed"])
@@ -131,16 +132,21 @@ def together(pool: Executor, work: Callable[..., None], tasks: Sequence[tuple[An
             one.result()
 
 
-def diagnose(recording: Path, verdict: Path, command: str) -> None:
-    """Run the diagnosis on a copy of the recording in a folder of its own, far from any answer."""
+def diagnose(recordings: Sequence[Path], verdict: Path, command: str) -> None:
+    """Run the diagnosis on copies of the recordings in a folder of its own, far from any answer."""
     if (verdict / "done.json").exists():
         return
     with tempfile.TemporaryDirectory() as folder:
-        copy, out = Path(folder) / recording.name, Path(folder) / "out"
-        copy.mkdir()
-        for name in FILES:
-            shutil.copy(recording / name, copy)
-        words = [word.format(recording=copy, out=out) for word in shlex.split(command)]
+        copies, out = [Path(folder) / one.name for one in recordings], Path(folder) / "out"
+        for one, copy in zip(recordings, copies, strict=True):
+            copy.mkdir()
+            for name in FILES:
+                shutil.copy(one / name, copy)
+        words = [
+            filled
+            for word in shlex.split(command)
+            for filled in (map(str, copies) if word == "{recording}" else [word.format(out=out)])
+        ]
         begun = time.monotonic()
         try:
             done = subprocess.run(
@@ -150,8 +156,9 @@ def diagnose(recording: Path, verdict: Path, command: str) -> None:
         except subprocess.TimeoutExpired:
             status, said = -1, f"stopped after {LIMIT_S} s"
         verdict.mkdir(parents=True, exist_ok=True)
-        if (out / "verdict.json").exists():
-            shutil.copy(out / "verdict.json", verdict / "verdict.json")
+        for name in KEPT:
+            if (out / name).exists():
+                shutil.copy(out / name, verdict / name)
         seconds = round(time.monotonic() - begun, 1)
         write_json(verdict / "done.json", {"exit_status": status, "seconds": seconds, "stderr": said})
 
@@ -177,7 +184,7 @@ def without(command: str) -> dict[str, Any]:
         alone = {name: row["true"][0] for name, row in found.items() if len(row["true"]) == 1}
         apart = VERDICTS / f"{shard}_without"
         tasks = [
-            (RECORDINGS / shard / name, apart / name, f"{command} --without {effect}")
+            ((RECORDINGS / shard / name,), apart / name, f"{command} --without {effect}")
             for name, effect in alone.items()
         ]
         together(ThreadPoolExecutor(WORKERS), diagnose, tasks, f"diagnosing {shard} without")

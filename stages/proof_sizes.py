@@ -111,7 +111,7 @@ def _usual(case: Case, name: str) -> float:
 def _diagnosed(case: Case, name: str, folder: Path, command: str) -> dict[str, Any]:
     if not (folder / "answers" / f"{name}.json").exists():
         write_case(case, name, folder / "recordings", folder / "answers")
-    diagnose(folder / "recordings" / name, folder / "verdicts" / name, command)
+    diagnose([folder / "recordings" / name], folder / "verdicts" / name, command)
     return dict(json.loads((folder / "verdicts" / name / "verdict.json").read_text()))
 
 

@@ -26,6 +26,7 @@ SHARES = {
 # Counted beside it: the file, the share's key in it, what it is, and its goal.
 BESIDE = {
     "without.json": ("owned_up", "the true effect taken out of the library, and that noticed", "≥ 80 %"),
+    "next.json": ("told_apart", "ties that the motion asked for turns into the true set alone", "≥ 80 %"),
     "sizes.json": ("found", "planted at the size that `detectable` names, and found", "85 to 99 %"),
 }
 OUTCOMES = {
@@ -96,11 +97,8 @@ def _shares(proof: Mapping[str, Any], beside: list[tuple[str, ...]]) -> Table:
         Column("What", align="left"), Column("Count"), Column("Share", "%"), Column("95 % interval", "%"),
         Column("Goal"),
     )  # fmt: skip
-    return Table(
-        "The blind proof (`make proof`, `make proof-without`, `make proof-sizes`), with Wilson's intervals.",
-        columns,
-        tuple(rows),
-    )
+    commands = "`make proof`, `make proof-without`, `make proof-next`, `make proof-sizes`"
+    return Table(f"The blind proof ({commands}), with Wilson's intervals.", columns, tuple(rows))
 
 
 def _share(found: Mapping[str, Any], what: str) -> tuple[str, str, str]:
