@@ -96,6 +96,11 @@ proof-sizes: COUNT = 100
 proof-sizes: .venv/installed ## COUNT=100 effects planted at exactly the size that `detectable` names (3 hours)
 	@python -m stages.proof_sizes --count "$(COUNT)"
 
+.PHONY: proof-images
+proof-images: COUNT = 40
+proof-images: .venv/installed ## COUNT=40 recordings as of the proof, but from rendered depth images (2 hours)
+	@python -m stages.proof_images --count "$(COUNT)"
+
 .PHONY: proof-next
 proof-next: .venv/installed ## the motions that ties of the scored shards ask for, played and diagnosed with the first recording
 	@python -m stages.proof_next

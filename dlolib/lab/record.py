@@ -12,13 +12,14 @@ import numpy as np
 
 from dlolib.files import whole_folder, write_json
 from dlolib.formats.capture import write_capture_index
+from dlolib.formats.motion import interpolate_motion
 from dlolib.lab.arc import arc_motion
 from dlolib.lab.camera import Sensor, default_camera, render
 from dlolib.lab.play import LabRun, play
 from dlolib.lab.rope import LabRope
 from dlolib.lab.scene import build_scene
 from dlolib.progress import track
-from dlolib.types import CaptureIndex, Ends, Floats, Motion, Obstacle, Pose, Rope
+from dlolib.types import Camera, CaptureIndex, Ends, Floats, Motion, Obstacle, Pose, Rope
 
 GRAVITY_M_S2 = (0.0, 0.0, -9.81)
 
@@ -62,21 +63,46 @@ def record(experiment: Experiment, capture: Path, truth: Path) -> LabRun:
     return run
 
 
-def _write_capture(experiment: Experiment, motion: Motion, run: LabRun, folder: Path) -> None:
-    camera, rope = default_camera(), experiment.rope
-    start = Pose(motion.start_m[0], motion.start_q[0])
-    ends = [np.interp(run.t_s, motion.t_s, column) for column in motion.end_m.T]
+def photographs(
+    shapes_m: Floats,
+    radius_m: float,
+    poses: Motion,
+    obstacles: tuple[Obstacle, ...],
+    camera: Camera,
+    sensor: Sensor,
+    folder: Path,
+) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
+    """Render a rope of this radius in every frame and write the pictures: the files in colour, and of depth.
+
+    Args:
+        shapes_m: points of the axis (F, M, 3).
+        poses: of both ends in every frame, (F,) rows.
+    """
     paths: dict[str, list[Path]] = {"color": [], "depth": []}
     for name in paths:
         (folder / name).mkdir()
-    for frame, xyz in enumerate(track(run.xyz_m, "camera", len(run.t_s))):
-        end = Pose(np.array([column[frame] for column in ends]), motion.end_q[0])
-        scene = build_scene(xyz, rope.diameter_m / 2, start, end, experiment.obstacles)
-        color, depth = render(scene, camera, experiment.sensor, frame)
+    for frame, xyz in enumerate(track(shapes_m, "camera", len(shapes_m))):
+        start = Pose(poses.start_m[frame], poses.start_q[frame])
+        end = Pose(poses.end_m[frame], poses.end_q[frame])
+        color, depth = render(build_scene(xyz, radius_m, start, end, obstacles), camera, sensor, frame)
         for name, picture in (("color", color[..., ::-1]), ("depth", depth)):
             path = folder / name / f"{frame:06d}.png"
             cv2.imwrite(str(path), picture)
             paths[name].append(path)
+    return tuple(paths["color"]), tuple(paths["depth"])
+
+
+def _write_capture(experiment: Experiment, motion: Motion, run: LabRun, folder: Path) -> None:
+    camera, rope = default_camera(), experiment.rope
+    color, depth = photographs(
+        run.xyz_m,
+        rope.diameter_m / 2,
+        interpolate_motion(motion, run.t_s),
+        experiment.obstacles,
+        camera,
+        experiment.sensor,
+        folder,
+    )
     index = CaptureIndex(
         name="captured",
         folder=folder,
@@ -86,8 +112,8 @@ def _write_capture(experiment: Experiment, motion: Motion, run: LabRun, folder: 
         camera=camera,
         frame=np.arange(len(run.t_s)),
         t_s=run.t_s,
-        color=tuple(paths["color"]),
-        depth=tuple(paths["depth"]),
+        color=color,
+        depth=depth,
         motion=motion,
         obstacles=experiment.obstacles,
         source="virtual laboratory",

@@ -1,0 +1,49 @@
+"""A case as pictures: what the capture's folder says, and that the pictures show the rope where it is."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dlolib.captures import open_capture
+from dlolib.chain import extract_chain
+from dlolib.lab.camera import Sensor
+from dlolib.proof import pictures
+from dlolib.proof.draw import Case, draw_case
+from dlolib.proof.write import recording
+from stages.proof_images import CHAIN
+
+# Of a case's frames, so many: one takes most of a second.
+FEW = 3
+
+
+def shortened(case: Case) -> Case:
+    experiment = replace(case.experiment, frame_t_s=case.experiment.frame_t_s[:FEW])
+    return replace(
+        case,
+        experiment=experiment,
+        points_m=case.points_m[:FEW],
+        noise_m=case.noise_m[:FEW],
+        seen=case.seen[:FEW],
+    )
+
+
+def test_the_chain_finds_the_rope_of_a_photographed_case(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    case = shortened(draw_case(5, 1, ()))
+    given = replace(recording(case, "seen"), static_frames=None, heldout_frames=(2, 2))
+    monkeypatch.setattr(pictures, "recording", lambda case, name: given)
+    pictures.write_pictures(case, "seen", tmp_path / "capture", Sensor())
+    assert sorted(path.name for path in tmp_path.glob("capture/*")) == [
+        "capture.json", "color", "depth", "frames.csv", "motion.csv",
+    ]  # fmt: skip
+    found = extract_chain(open_capture(tmp_path / "capture"), CHAIN).recording
+    assert found.heldout_frames == (2, 2) and found.points.covariance_m2 is not None
+    assert np.array_equal(np.unique(found.points.t_s), case.experiment.frame_t_s)
+    s_m = np.linspace(0, found.rope.length_m, case.points_m.shape[1])
+    for frame, shape in enumerate(case.points_m):
+        mine = found.points.frame == frame
+        true = np.stack([np.interp(found.points.s_m[mine], s_m, axis) for axis in shape.T], axis=1)
+        assert np.sqrt(np.mean(np.sum((found.points.xyz_m[mine] - true) ** 2, axis=1))) < 1e-3
