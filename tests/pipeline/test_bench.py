@@ -2,7 +2,7 @@
 
 import pytest
 
-from stages import bench, peers
+from stages import bench, peers, speed
 
 
 def test_mujocos_flex_and_our_rod_come_to_the_same_elastica() -> None:
@@ -13,7 +13,7 @@ def test_mujocos_flex_and_our_rod_come_to_the_same_elastica() -> None:
             race = make(particles)
             race.go()
             errors.append(100 * peers.error_of(race, exact))
-        assert errors[1] < min(bench.EXACT_PERCENT, errors[0])
+        assert errors[1] < min(speed.EXACT_PERCENT, errors[0])
 
 
 def test_every_key_is_measured_once() -> None:

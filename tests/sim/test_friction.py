@@ -7,13 +7,13 @@ from dlolib.sim import simulate
 from dlolib.sim.recording import RecordingModel
 from dlolib.sim.rod import Rod
 from dlolib.sim.simulate import Clock, Path, roll_out
-from stages import bench, gradients, peers
+from stages import gradients, peers, speed
 
 
 @pytest.mark.parametrize("coefficient", [0.1, 0.3, 0.6])
 def test_a_soft_rope_moves_over_two_rough_cylinders(coefficient: float) -> None:
-    rod = Rod(peers.ROPE, bench.SOFT, bench.SOFT, {"contact_friction.coefficient": coefficient})
-    made, start = bench.laid(rod, bench.CYLINDERS)
+    rod = Rod(peers.ROPE, speed.SOFT, speed.SOFT, {"contact_friction.coefficient": coefficient})
+    made, start = speed.laid(rod, speed.CYLINDERS)
     arc = peers.arc_path()
     rollout = roll_out(made, start, Path(arc.x[:, :60], arc.q[:, :60]), Clock(peers.STEP_S))
     touches = rollout.slip[0, 1:].any(axis=2)
