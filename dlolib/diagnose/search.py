@@ -21,6 +21,7 @@ from dlolib.diagnose.tasks import (
     promised,
     refit,
     task_from,
+    task_without,
     terms_of,
 )
 from dlolib.diagnose.workers import Workers
@@ -149,6 +150,22 @@ def _grown(
             todo = _parts(study, models, size, settings.tie)
         if _done(study, _best(study, models), elastic):
             break
+    _backed(study, models, size, run)
+
+
+def _backed(study: Study, models: Models, size: int, run: Workers) -> None:
+    """Parts of the best models fitted once more from there: alone they may have ended in a worse optimum, out
+    of which an effect led that does nothing."""
+    best = _best(study, models).bic(study.frames)
+    near = [one for one in models.values() if len(one.effects) == size]
+    near = [one for one in near if one.bic(study.frames) < best + NEAR_PRUNED]
+    tasks = [task_without(one, left) for one in near for left in one.effects]
+    for one in run(refit, tasks, "parts"):
+        if one is None:
+            continue
+        key = tuple(sorted(one.effects))
+        if key not in models or one.bic(study.frames) < models[key].bic(study.frames):
+            models[key] = replace(one, effects=key)
 
 
 def _done(study: Study, best: Fitted, elastic: Fitted) -> bool:

@@ -1,11 +1,15 @@
 """Where the fits of a study begin."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 from diagnose.test_diagnose import QUICK, made
 from sim.ropes import EI
 
+from dlolib.diagnose import tasks
 from dlolib.diagnose.diagnose import _raw
-from dlolib.diagnose.search import baseline
+from dlolib.diagnose.search import _backed, baseline
 from dlolib.diagnose.study import acting_only
 from dlolib.identify.identify import FIRST_STIFFNESS_M4_S2
 from dlolib.identify.parameters import Unknown
@@ -42,3 +46,27 @@ def test_softer_ropes_are_tried_where_the_stiffness_tells_nothing(study):
     first, *others = study.softer(rigid)
     assert first == {} and all(set(one) == set(rigid) for one in others)
     assert all(0 < one[Unknown("bending_stiffness")] < rigid[Unknown("bending_stiffness")] for one in others)
+
+
+def test_a_finer_mesh_that_snaps_elsewhere_tells_no_error_of_the_mesh(study, monkeypatch):
+    found = baseline(study)
+    for moved_m, taken in ((0.001, True), (0.1, False)):
+        elsewhere = tuple(np.full_like(one, moved_m) for one in found.offsets_m)
+        monkeypatch.setattr(tasks, "corrected", lambda study, point, new=elsewhere: new)
+        again = tasks.refit(study, tasks.task_from(found))
+        assert np.array_equal(again.offsets_m[0], elsewhere[0]) is taken
+        assert np.array_equal(again.offsets_m[0], found.offsets_m[0]) is not taken
+
+
+def test_the_parts_of_a_pair_begin_where_the_pair_ended(study):
+    """The first effect alone got stuck; the second does nothing but lead it out."""
+    elastic = baseline(study)
+    form = {"clock_offset": ("time",), "end_angle": ("start_1",)}
+    start = {**elastic.point, Unknown("clock_offset.time"): 0.01, Unknown("end_angle.start_1"): 0.01}
+    pair = tasks.refit(study, tasks.Task(form, (start,), elastic.offsets_m, 1))
+    stuck = replace(elastic, effects=("end_angle",), chi2=elastic.chi2 + 1e4)
+    models = {("end_angle",): stuck, ("clock_offset", "end_angle"): pair}
+    _backed(study, models, 2, lambda work, jobs, what: [work(study, job) for job in jobs])
+    assert set(models) == {("end_angle",), ("clock_offset",), ("clock_offset", "end_angle")}
+    assert models["end_angle",].chi2 < elastic.chi2 + 1.0
+    assert [u.name for u in models["end_angle",].unknowns if "." in u.name] == ["end_angle.start_1"]
