@@ -12,6 +12,7 @@ import numpy as np
 from dlolib.diagnose.noise import Whitener
 from dlolib.diagnose.nuisances import FARTHEST, begins_unseen, bounded
 from dlolib.identify import particles_for
+from dlolib.identify.intervals import FEWEST_POSES, poses
 from dlolib.identify.parameters import ACTS_M, LOGARITHM_SCALE, Unknown
 from dlolib.identify.problem import axes
 from dlolib.sim.effects import EFFECTS, parameter
@@ -29,6 +30,8 @@ STIFFNESSES_M4_S2 = (1e-8, 1e6)
 STANDARD_GRAVITY_M_S2, UNBENT, BENT_BY_WEIGHT = 9.81, 0.01, (0.1, 0.01)
 # A stiffness whose neutral value is infinite is not sought beyond this times its largest start.
 AS_GOOD_AS_RIGID = 1e3
+# What one pose can tell of, at most.
+MOST_OF_ONE_POSE = 6
 Bools = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 Values = Mapping[str, float]
 Point = Mapping[Unknown, float]
@@ -286,7 +289,11 @@ def abrupt(effect: str) -> bool:
 def library(
     study: Study, without: Sequence[str], beside: Sequence[str] = ()
 ) -> list[tuple[str, tuple[str, ...]]]:
-    """Every effect that could act here, with each of its forms; `beside` others that act already."""
+    """Every effect that could act here, with each of its forms; `beside` others that act already.
+
+    One pose cannot tell a form with many parameters from any other cause: an uneven set fits every shape.
+    """
+    still = sum(poses(one.model) for one in study.seen) < FEWEST_POSES
     contact = any(one.recording.obstacles for one in study.seen)
     unknown = any(begins_unseen(one.recording) for one in study.seen) and not study.histories
     found = []
@@ -295,5 +302,5 @@ def library(
             continue
         if name == "prior_history" and not (unknown and remembers(beside)):
             continue
-        found += [(name, form) for form in forms(effect)]
+        found += [(name, form) for form in forms(effect) if len(form) <= MOST_OF_ONE_POSE or not still]
     return found

@@ -7,12 +7,14 @@ import pytest
 from diagnose.test_diagnose import QUICK, made
 from sim.ropes import EI
 
+from dlolib.diagnose import study as study_module
 from dlolib.diagnose import tasks
 from dlolib.diagnose.diagnose import _raw
 from dlolib.diagnose.search import _backed, baseline
-from dlolib.diagnose.study import acting_only
+from dlolib.diagnose.study import acting_only, library
 from dlolib.identify.identify import FIRST_STIFFNESS_M4_S2
 from dlolib.identify.parameters import Unknown
+from dlolib.sim.effects import rest_curvature
 
 
 @pytest.fixture(scope="module")
@@ -70,3 +72,10 @@ def test_the_parts_of_a_pair_begin_where_the_pair_ended(study):
     assert set(models) == {("end_angle",), ("clock_offset",), ("clock_offset", "end_angle")}
     assert models["end_angle",].chi2 < elastic.chi2 + 1.0
     assert [u.name for u in models["end_angle",].unknowns if "." in u.name] == ["end_angle.start_1"]
+
+
+def test_one_pose_cannot_tell_an_uneven_set(study, monkeypatch):
+    uneven = ("rest_curvature", rest_curvature.FORMS[-1])
+    assert uneven in library(study, ())
+    monkeypatch.setattr(study_module, "poses", lambda model: 1)
+    assert uneven not in library(study, ()) and ("rest_curvature", ("kappa_1",)) in library(study, ())
