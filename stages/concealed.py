@@ -98,7 +98,7 @@ def _verdict(folder: Path) -> tuple[dict[str, Any], float]:
     """The verdict on a copy in a folder of its own, far from any answer, and the seconds that it took; once
     for each version of what diagnoses."""
     out = DATA / "proof/concealed" / book.version() / folder.name
-    diagnose(folder, out, COMMAND)
+    diagnose([folder], out, COMMAND)
     done = json.loads((out / "done.json").read_text())
     if done["exit_status"] != 0:
         raise ParameterError(f"the diagnosis ended with {done['exit_status']}: {done['stderr']}", file=folder)
