@@ -79,12 +79,13 @@ def searched_again(study: Study, before: Searched, run: Workers) -> Searched:
     """The same models after the noise has become known better: the best fitted once more, the others as they
     were."""
     elastic = refit(study, Task({}, (before.baseline.point,), before.baseline.offsets_m, 1))
-    near = _near(study, before.models, before.baseline)
-    again = run(refit, [task_from(one) for one in near], "once more")
-    refitted = {one.effects for one in near}
-    others = [task_from(one) for one in before.models if one.effects not in refitted]
-    far = run(as_it_was, others, "and the others")
-    models = [one for one in (*again, *far) if one is not None]
+    near = {one.effects for one in _near(study, before.models, before.baseline)}
+    as_they_were = run(as_it_was, [task_from(one) for one in before.models], "as they were")
+    kept = [one for one in as_they_were if one is not None]
+    best = [one for one in kept if one.effects in near]
+    again = run(refit, [task_from(one) for one in best], "once more")
+    better = {one.effects: new for one, new in zip(best, again, strict=True) if new is not None}
+    models = [better.get(one.effects, one) for one in kept]
     return Searched(elastic or before.baseline, _ordered(study, models))
 
 

@@ -114,19 +114,22 @@ def fit_first(study: Study, task: Task) -> Fitted | None:
 
 def refit(study: Study, task: Task) -> Fitted | None:
     """The fit once more from its own optimum, with the mesh's error as it is there."""
-    start = task.starts[0]
+    model = hypothesis(study, task.terms, _offsets(study, task))
     try:
-        model = hypothesis(study, task.terms, _nearby(study, corrected(study, start), task.offsets_m))
-        return fit(model, coordinates(model.unknowns, start))
+        return fit(model, coordinates(model.unknowns, task.starts[0]))
     except SimulationError:
         return None
 
 
-def _nearby(study: Study, new: Sequence[Floats], old: Sequence[Floats]) -> tuple[Floats, ...]:
-    """The new offsets, but of recordings in which the finer rope snapped elsewhere: too large for a mesh's
-    error."""
+def _offsets(study: Study, task: Task) -> tuple[Floats, ...]:
+    """The mesh's error at the task's start; as it was taken before where the finer rope snapped elsewhere, or
+    has no solution at all."""
+    try:
+        new = corrected(study, task.starts[0])
+    except SimulationError:
+        return task.offsets_m
     lengths = [one.recording.rope.length_m for one in study.seen]
-    both = zip(new, old, lengths, strict=True)
+    both = zip(new, task.offsets_m, lengths, strict=True)
     return tuple(one if np.abs(one).max() < ELSEWHERE * length else other for one, other, length in both)
 
 
