@@ -27,7 +27,7 @@ test: .venv/installed ## run the tests
 	@pytest -n $(WORKERS) --dist worksteal
 
 .PHONY: lint
-lint: .venv/installed ## ruff, mypy strict on dlolib, import layers
+lint: .venv/installed ## ruff, mypy strict on dlolib and stages, import layers
 	@ruff check .
 	@ruff format --check .
 	@mypy

@@ -356,7 +356,7 @@ def creep(particles: int = 60, steps: int = 100, dt: float = 0.1) -> Decay:
         Clock(None),
     )
     found = moved.x[0, :, -1, 2] / moved.x[0, 0, -1, 2]
-    t = dt * np.arange(steps + 1)
+    t = np.linspace(0.0, dt * steps, steps + 1)
     return Decay(t, found, (1 + ratio) * (1 - ratio / (1 + ratio) * np.exp(-t / (time * (1 + ratio)))))
 
 

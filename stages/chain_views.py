@@ -159,7 +159,7 @@ def photograph(case: Case, shape: Floats, camera: Camera, number: int) -> Take:
         obstacles=obstacles,
         rope_color_hsv=case.hsv,
     )
-    seen = Frame(number, float(number), Path(case.name), color, depth.astype(np.float32) / 1000)
+    seen = Frame(number, float(number), Path(case.name), color, (depth / 1000).astype(np.float32))
     return Take(seen, index, s, fine, _visible(scene, camera, fine, case.diameter_m))
 
 
@@ -208,15 +208,15 @@ def _obstacles(case: Case, axis: Floats, camera: Camera, size: float) -> tuple[O
             Obstacle("cylinder", {**values, "radius_m": (max(0.5 * wide[0], 0.002),), "height_m": (0.9,)}),
         )
     box = (max(wide[0], 0.03), 0.03, max(wide[2], 0.03))
-    values = {"center_m": (centre[0], BEFORE_M, centre[2]), "quaternion": (1.0, 0.0, 0.0, 0.0)}
-    return (Obstacle("box", {**values, "size_m": box}),)
+    placed = {"center_m": (centre[0], BEFORE_M, centre[2]), "quaternion": (1.0, 0.0, 0.0, 0.0)}
+    return (Obstacle("box", {**placed, "size_m": box}),)
 
 
 def _pixels(points: Floats, camera: Camera) -> Floats:
     assert camera.fx and camera.fy and camera.cx and camera.cy
     pose = camera.world_from_camera
     own = (points - pose[:3, 3]) @ pose[:3, :3]
-    return own[:, :2] / own[:, 2:] * [camera.fx, camera.fy] + [camera.cx, camera.cy]
+    return np.asarray(own[:, :2] / own[:, 2:] * [camera.fx, camera.fy] + [camera.cx, camera.cy])
 
 
 def _visible(scene: Scene, camera: Camera, axis: Floats, diameter_m: float) -> np.ndarray:
@@ -230,4 +230,4 @@ def _visible(scene: Scene, camera: Camera, axis: Floats, diameter_m: float) -> n
     pixel = _pixels(axis, camera)
     inside = ((pixel > 0) & (pixel < np.array([639, 575]))).all(axis=1)
     # The clamp's box touches the very ends.
-    return inside & (hit["geometry_ids"].numpy() == 0) & (skin < 1.05 * diameter_m)
+    return np.asarray(inside & (hit["geometry_ids"].numpy() == 0) & (skin < 1.05 * diameter_m))

@@ -9,6 +9,7 @@ import sys
 import tempfile
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 from dlolib.files import write_json
 from dlolib.progress import track
@@ -33,7 +34,7 @@ def main(count: str, seed: str = str(SEED)) -> int:
             if one.fault:
                 faults.append(f"{one.kind}: {one.damage}: {one.fault}".replace(folder, "..."))
     every = sum(tally.values(), Counter())
-    result = {"count": int(count), "seed": int(seed), **dict(sorted(every.items()))}
+    result: dict[str, Any] = {"count": int(count), "seed": int(seed), **dict(sorted(every.items()))}
     result |= {
         "by_source": {kind: dict(sorted(tally[kind].items())) for kind in sorted(tally)},
         "faults": faults,

@@ -104,10 +104,10 @@ def scenes() -> Iterator[tuple[str, Recording, Rod, list[str]]]:
         timed = effect in ("viscoelastic_bending", "inertia_drag", "clock_offset")
         obstacles = (Obstacle("cylinder", SHAPES["cylinder"]),) if effect == "contact_friction" else ()
         yield effect, _short(obstacles, not timed), rod, [*own, *values]
-    for shape, values in SHAPES.items():
+    for shape, size in SHAPES.items():
         friction = {"contact_friction.coefficient": 0.3}
         for name, effects in ((shape, {}), (f"rough {shape}", friction)):
-            yield name, _short((Obstacle(shape, values),), True), Rod(ROPE, EI, GJ, effects, PARTICLES), own
+            yield name, _short((Obstacle(shape, size),), True), Rod(ROPE, EI, GJ, effects, PARTICLES), own
 
 
 def _short(obstacles: tuple[Obstacle, ...], quasi_static: bool) -> Recording:
@@ -115,7 +115,7 @@ def _short(obstacles: tuple[Obstacle, ...], quasi_static: bool) -> Recording:
     rows = np.linspace(0, STEPS // 2, ROWS).astype(int)
     end = MOTION.end_m[rows].copy()
     end[:, 1] += 0.02 * np.sin(np.linspace(0, 3, ROWS))
-    t = STEP_S * np.arange(ROWS)
+    t = np.linspace(0.0, STEP_S * (ROWS - 1), ROWS)
     motion = Motion(t, MOTION.start_m[rows], MOTION.start_q[rows], end, MOTION.end_q[rows])
     frames, s = np.arange(8, ROWS, 8), np.linspace(0, ROPE.length_m, 12)
     count = len(frames)

@@ -17,7 +17,8 @@ def main() -> None:
         return None if name is None else folder / name
 
     source = inside(given.recording) or folder
-    ingest(source, DATA / "capture", inside(given.motion), given.topics, inside(given.object))
+    topics = {str(role): topic for role, topic in given.topics.items()}
+    ingest(source, DATA / "capture", inside(given.motion), topics, inside(given.object))
 
 
 if __name__ == "__main__":

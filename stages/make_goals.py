@@ -98,7 +98,7 @@ def _placed(points: Floats, drawing: Drawing) -> Floats:
     x, z = points[..., 0], points[..., 1]
     if drawing.mirrored_at_x is not None:
         x = 2 * drawing.mirrored_at_x - x
-    return np.round(np.stack([x, np.zeros_like(x), z], axis=-1), DIGITS) + 0.0
+    return np.asarray(np.round(np.stack([x, np.zeros_like(x), z], axis=-1), DIGITS) + 0.0, dtype=float)
 
 
 def _held(angle: float, drawing: Drawing) -> Floats:

@@ -74,7 +74,7 @@ def at_rest(
     rods: list[Rod], obstacles: tuple[Obstacle, ...] = (), gravity: Floats = GRAVITY
 ) -> tuple[Scene, State]:
     """Rods of one number of particles at the arc's beginning: their scene, and their equilibrium."""
-    poses = [Pose(MOTION.start_m[0], MOTION.start_q[0]), Pose(MOTION.end_m[0], MOTION.end_q[0])]
+    poses = (Pose(MOTION.start_m[0], MOTION.start_q[0]), Pose(MOTION.end_m[0], MOTION.end_q[0]))
     made = scene(rods, gravity, Ends(), obstacles)
     one = first_shape(rods[0].rope.length_m, rods[0].particles, Ends(), *poses, gravity)
     many = State(*(np.repeat(part, len(rods), axis=0) for part in (one.x, one.before, one.q)))
@@ -86,7 +86,8 @@ def at_rest(
 def ours(particles: int = 30, clock: Clock | None = None) -> Race:
     """Our rod."""
     made, start = at_rest([Rod(ROPE, EI, GJ, particles=particles)])
-    path, kept = arc_path(), []
+    path = arc_path()
+    kept: list[Rollout] = []
 
     def go() -> Rollout:
         kept[:] = [roll_out(made, start, path, clock or Clock(STEP_S))]
@@ -230,9 +231,9 @@ def pyelastica(elements: int = 30, substeps: int = 100) -> Race:
     def end_at(t: float) -> Floats:
         if t < 0.0:
             share = min(1.0, 2 * (1 + t / coming))
-            return (1 - share) * far + share * MOTION.end_m[0]
+            return np.asarray((1 - share) * far + share * MOTION.end_m[0])
         row = int(t / STEP_S)
-        return MOTION.end_m[row] + (t - row * STEP_S) * speeds[row, :, 0]
+        return np.asarray(MOTION.end_m[row] + (t - row * STEP_S) * speeds[row, :, 0])
 
     length = ROPE.length_m * elements / (elements - 1)
     half = length / elements / 2

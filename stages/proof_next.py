@@ -44,7 +44,8 @@ def main(*arguments: str) -> None:
         rows = json.loads((BOOK / f"{shard}.json").read_text())["recordings"]
         tied += [(seeds[shard], shard, name) for name, row in rows.items() if row["outcome"] == "tied"]
     with ThreadPoolExecutor(WORKERS) as pool:
-        found = [row for row in pool.map(lambda one: told_apart(*one, command), tied) if row]
+        jobs = [pool.submit(told_apart, *one, command) for one in tied]
+        found = [row for job in jobs if (row := job.result())]
     right = share(sum(row["outcome"] == "right" for row in found), len(found))
     made = {"command": "make proof-next", "commit": book.commit(), "version": book.version()}
     write_json(BOOK / "next.json", {**made, "goal": 0.8, "told_apart": right, "recordings": found})

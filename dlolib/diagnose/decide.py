@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
 from dataclasses import dataclass
 from typing import Literal
 
@@ -24,28 +25,38 @@ IMITATED = 0.02
 
 @dataclass(frozen=True)
 class Decision:
-    """The winner (the baseline, where nothing is missing) and, where it is a tie, all models of it."""
+    """The winner (the baseline, where nothing is missing) and, where it is a tie, all models of it.
+
+    refuted: the winner foretells worse than the elastic rod.
+    """
 
     status: Status
     winner: Fitted
-    tie: tuple[Fitted, ...]
+    tie: tuple[Fitted, ...] = ()
+    refuted: bool = False
 
 
-def decide(study: Study, searched: Searched, settings: DiagnoseSettings) -> Decision:
-    """The verdict's status, winner and tie."""
+def decide(
+    study: Study,
+    searched: Searched,
+    settings: DiagnoseSettings,
+    refuted: Container[tuple[str, ...]] = (),
+) -> Decision:
+    """The verdict's status, winner and tie; what foretells worse than the elastic rod explains nothing."""
     frames, base = study.frames, searched.baseline
     models = [one for one in searched.models if _earned(one, searched, settings)]
     best = models[0] if models else base
     if not models or best.bic(frames) > base.bic(frames):
         slow = slow_modes(base.residuals, len(base.unknowns))
-        return Decision("unexplained" if slow.p_value < ALARMING else "no_mismatch", base, ())
-    if not explains(best, base):
-        return Decision("unexplained", best, ())
+        return Decision("unexplained" if slow.p_value < ALARMING else "no_mismatch", base)
+    if best.effects in refuted or not explains(best, base):
+        return Decision("unexplained", best, refuted=best.effects in refuted)
     tie = [one for one in models if one.bic(frames) < best.bic(frames) + _margin(one, best, base, settings)]
-    tie = [one for one in tie if one is best or not set(best.effects) < set(one.effects)][:MOST_TIED]
+    tie = [one for one in tie if one is best or not set(best.effects) < set(one.effects)]
+    tie = [one for one in tie if one.effects not in refuted][:MOST_TIED]
     if len(tie) > 1:
         return Decision("ambiguous", best, tuple(tie))
-    return Decision("explained", best, ())
+    return Decision("explained", best)
 
 
 def _margin(model: Fitted, best: Fitted, base: Fitted, settings: DiagnoseSettings) -> float:

@@ -11,7 +11,7 @@ from dlolib.diagnose.ask import next_motion
 from dlolib.diagnose.decide import decide
 from dlolib.diagnose.detect import asked, detectable, sized
 from dlolib.diagnose.fitting import Fitted
-from dlolib.diagnose.heldout import black_box, foretell
+from dlolib.diagnose.heldout import black_box, foretell, refuted
 from dlolib.diagnose.locate import Reversal, reversal, scan
 from dlolib.diagnose.noise import Whitener, grid_of, known_noise, noise_left
 from dlolib.diagnose.nuisances import before, between
@@ -66,7 +66,6 @@ def diagnose(recordings: Sequence[Recording], settings: DiagnoseSettings) -> Dia
             study = _with_noise(study, told)
             run.begin(study)
             searched = searched_again(study, searched, run)
-        decision = decide(study, searched, settings)
         base, models = searched.baseline, (searched.baseline, *searched.models)
         beside = sized(study, base, settings.chance)
         sizes = [(beside, size) for size in asked(study, settings.without)]
@@ -77,6 +76,7 @@ def diagnose(recordings: Sequence[Recording], settings: DiagnoseSettings) -> Dia
             foretold = run(foretell, models, "held-out frames")
             boxes = run(black_box, [(base, settings.seed)], "black box")
     ahead = {one.effects: told for one, told in zip(models, foretold, strict=False) if told is not None}
+    decision = decide(study, searched, settings, refuted(ahead))
     motion = next_motion(study, *decision.tie[:2]) if len(decision.tie) > 1 else None
     found = Found(
         study, told[0], searched, decision, tuple(scans), tuple(seen), ahead, boxes[0], motion
@@ -122,7 +122,7 @@ def _study(
 ) -> tuple[Study, Told]:
     """The recordings with their noise, and what tells of it."""
     told = [one or (FIRST_NOISE, "") for one in known]
-    raw = _with_noise(_raw(recordings, settings), told)
+    raw = _with_noise(raw_study(recordings, settings), told)
     run.begin(raw, baseline)
     study = acting_only(raw, FIRST_STIFFNESS_M4_S2)
     if not all(known):
@@ -132,7 +132,7 @@ def _study(
     return study, told
 
 
-def _raw(recordings: Sequence[Recording], settings: DiagnoseSettings) -> Study:
+def raw_study(recordings: Sequence[Recording], settings: DiagnoseSettings) -> Study:
     """The recordings as a study, whose noise is not known yet."""
     declared = any(one.heldout_frames is not None for one in recordings)
     used = [_fitted_points(one, 0.0 if declared else settings.heldout_share) for one in recordings]
@@ -195,4 +195,4 @@ def _kept_points(recording: Recording, most: int) -> Bools:
     return np.asarray(number % int(np.ceil(len(frames) / most)) == 0)
 
 
-__all__ = ["Diagnosis", "diagnose"]
+__all__ = ["Diagnosis", "diagnose", "raw_study"]

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import RBFInterpolator
 from scipy.spatial.transform import Rotation
 
-from dlolib.diagnose.fitting import Fitted, corrected
+from dlolib.diagnose.fitting import Fitted, mesh_error
 from dlolib.diagnose.study import Seen, Study
 from dlolib.errors import SimulationError
 from dlolib.formats import interpolate_motion
@@ -18,6 +19,8 @@ from dlolib.types import Floats
 # Points that the black box learns from; its smoothing is chosen on the last of them.
 LEARNT, CHECKED = 900, 0.25
 SMOOTHINGS = (1e-2, 1e-1, 1.0, 10.0)
+# A model is refuted that foretells the held-out frames worse than the elastic rod by so many standard errors.
+WORSE = 3.0
 
 
 @dataclass(frozen=True)
@@ -46,9 +49,16 @@ def foretell(study: Study, model: Fitted) -> Foretold | None:
         return None
 
 
+def refuted(foretold: Mapping[tuple[str, ...], Foretold]) -> set[tuple[str, ...]]:
+    """The effects of models that foretell worse than the elastic rod (no effects): they fit what they saw."""
+    elastic = foretold.get(())
+    changes = {} if elastic is None else {effects: one.against(elastic) for effects, one in foretold.items()}
+    return {effects for effects, (change, error) in changes.items() if effects and change > WORSE * error}
+
+
 def _foretold(study: Study, model: Fitted) -> Foretold:
     heldout = _heldout(study)
-    offsets = corrected(heldout, model.point)
+    offsets = mesh_error(heldout, model.point)
     lefts = []
     for k, one in enumerate(heldout.seen):
         rod = heldout.rod(k, model.values(heldout.number(k)))
@@ -77,7 +87,7 @@ def black_box(study: Study, job: tuple[Fitted, int]) -> tuple[Foretold, Foretold
     """
     (base, seed), heldout = job, _heldout(study)
     lefts: tuple[list[Floats], list[Floats]] = ([], [])
-    offsets = corrected(heldout, base.point)
+    offsets = mesh_error(heldout, base.point)
     for k, one in enumerate(study.seen):
         values = base.values(k)
         inside = one.model.predict(study.rod(k, values)).xyz_m + base.offsets_m[k]
@@ -122,4 +132,4 @@ def _surrogate(features: Floats, off: Floats, seed: int) -> RBFInterpolator:
     return made(some, min(SMOOTHINGS, key=missed))
 
 
-__all__ = ["Foretold", "black_box", "foretell"]
+__all__ = ["Foretold", "black_box", "foretell", "refuted"]

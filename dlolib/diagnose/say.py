@@ -75,7 +75,8 @@ def summary(
     told = "; ".join(one.says for one in effects)
     if decision.status == "unexplained":
         what = f"Something is missing that no effect of the library explains ({before:.1f} mm RMS)."
-        return f"{what}{place}{_nearest(decision.winner, told, after)}"
+        worse = " It foretells the held-out frames worse than the elastic rod." if decision.refuted else ""
+        return f"{what}{place}{_nearest(decision.winner, told, after)}{worse}"
     rest = "" if best.p_value >= UNLIKELY else ", and what is left is more than noise"
     fall = f"The distance falls from {before:.1f} to {after:.1f} mm RMS{rest}."
     first = f"What an elastic rod leaves out: {told}.{place} {fall}"

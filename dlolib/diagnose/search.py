@@ -151,10 +151,10 @@ def _grown(
             todo = _parts(study, models, size, settings.tie)
         if _done(study, _best(study, models), elastic):
             break
-    _backed(study, models, size, run)
+    backed(study, models, size, run)
 
 
-def _backed(study: Study, models: Models, size: int, run: Workers) -> None:
+def backed(study: Study, models: Models, size: int, run: Workers) -> None:
     """Parts of the best models fitted once more from there: alone they may have ended in a worse optimum, out
     of which an effect led that does nothing."""
     best = _best(study, models).bic(study.frames)
@@ -264,4 +264,4 @@ def _near(study: Study, fits: Sequence[Fitted], baseline: Fitted) -> list[Fitted
     return [one for one in fits if one.bic(study.frames) < below]
 
 
-__all__ = ["Searched", "baseline", "search", "searched_again"]
+__all__ = ["Searched", "backed", "baseline", "search", "searched_again"]

@@ -8,7 +8,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dlolib.diagnose.fitting import Fitted, awake, corrected, fit, fitted, hypothesis, promise
+from dlolib.diagnose.fitting import (
+    Fitted,
+    Hypothesis,
+    awake,
+    fit,
+    fitted,
+    hypothesis,
+    mesh_error,
+    promise,
+)
 from dlolib.diagnose.study import Point, Study
 from dlolib.errors import SimulationError
 from dlolib.identify.parameters import Unknown
@@ -22,8 +31,6 @@ FRAME_BLOCKS, ROPE_BLOCKS, HINTS = 8, 8, 5
 # Evaluations of a fit before it is asked whether another start leads to one better by this in χ²; the share
 # of χ² at which a first fit's steps end.
 ROUGH, AHEAD, FIRST_TOLERANCE = 6, 10.0, 1e-5
-# A finer mesh moves no point by this share of the length unless the rope snaps; n = 30 is off by some 0.002.
-ELSEWHERE = 0.02
 
 
 @dataclass(frozen=True)
@@ -96,41 +103,38 @@ def promised(study: Study, task: Task) -> float:
 
 
 def fit_first(study: Study, task: Task) -> Fitted | None:
-    """The best of the fits from the most promising starts; those soon left far behind are not finished."""
-    rough = []
-    for _, theta in _ranked(study, task)[: task.best]:
+    """The best of the fits from the most promising starts; those soon left far behind are not finished.
+
+    Where no fit comes to what the best start promised linear steps tell little: then up to twice as many
+    starts are tried, and all fits finished.
+    """
+    ranked = _ranked(study, task)
+    rough: list[tuple[Fitted, Hypothesis]] = []
+    margin = AHEAD
+    for tried, (_, theta) in enumerate(ranked[: 2 * task.best]):
+        if tried >= task.best:
+            if _least(rough) < ranked[0][0] + AHEAD:
+                break
+            margin = np.inf
         model = hypothesis(study, task.terms, task.offsets_m)
-        try:
+        with contextlib.suppress(SimulationError):
             rough.append((fit(model, theta, ROUGH, FIRST_TOLERANCE), model))
-        except SimulationError:
-            continue
-    if not rough:
-        return None
-    best = min(one.chi2 for one, _ in rough)
-    ahead = [(one, model) for one, model in rough if one.chi2 < best + AHEAD]
+    ahead = [(one, model) for one, model in rough if one.chi2 < _least(rough) + margin]
     ends = [fit(model, one.theta, tolerance=FIRST_TOLERANCE) for one, model in ahead]
-    return min(ends, key=lambda one: one.chi2)
+    return min(ends, key=lambda one: one.chi2, default=None)
+
+
+def _least(rough: Sequence[tuple[Fitted, Hypothesis]]) -> float:
+    return min((one.chi2 for one, _ in rough), default=np.inf)
 
 
 def refit(study: Study, task: Task) -> Fitted | None:
     """The fit once more from its own optimum, with the mesh's error as it is there."""
-    model = hypothesis(study, task.terms, _offsets(study, task))
+    model = hypothesis(study, task.terms, mesh_error(study, task.starts[0], task.offsets_m))
     try:
         return fit(model, coordinates(model.unknowns, task.starts[0]))
     except SimulationError:
         return None
-
-
-def _offsets(study: Study, task: Task) -> tuple[Floats, ...]:
-    """The mesh's error at the task's start; as it was taken before where the finer rope snapped elsewhere, or
-    has no solution at all."""
-    try:
-        new = corrected(study, task.starts[0])
-    except SimulationError:
-        return task.offsets_m
-    lengths = [one.recording.rope.length_m for one in study.seen]
-    both = zip(new, task.offsets_m, lengths, strict=True)
-    return tuple(one if np.abs(one).max() < ELSEWHERE * length else other for one, other, length in both)
 
 
 def as_it_was(study: Study, task: Task) -> Fitted | None:

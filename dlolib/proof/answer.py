@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,9 @@ from dlolib.errors import SimulationError
 from dlolib.proof.draw import Case, draw_case
 from dlolib.proof.forms import FORMS, nearest_parameters
 from dlolib.proof.gain import DETECTABLE, Gain, gain
+from dlolib.proof.motions import HELDOUT_FRAMES
 from dlolib.proof.place import most_curvature
+from dlolib.proof.world import Experiment
 from dlolib.proof.write import write_case
 from dlolib.types import Floats
 
@@ -22,17 +25,26 @@ REDRAWS = 30
 def detect(case: Case) -> dict[str, Any]:
     """Gains, and the detectable members: of a single effect over the elastic rope, of a pair over the other.
 
-    A twin that explains the pair nearly as well leaves no member detectable although something is there:
-    `elastic_gain` tells.
+    The frames that the recording declares held out, which no diagnosis may fit, do not count; `everywhere` is
+    the same with them. A twin that explains the pair nearly as well leaves no member detectable although
+    something is there: `elastic_gain` tells.
     """
+    whole = case.experiment
+    found = _gains(case, replace(whole, frame_t_s=whole.frame_t_s[:-HELDOUT_FRAMES]))
+    # what shows in part of the frames shows in all
+    everywhere = found if set(found["detectable"]) == set(case.effects) else _gains(case, whole)
+    return found | {"everywhere": {name: everywhere[name] for name in ("detectable", "elastic_gain")}}
+
+
+def _gains(case: Case, experiment: Experiment) -> dict[str, Any]:
     if not case.effects:
         return {"detectable": [], "gains": {}, "elastic_gain": 0.0}
     seen = float(case.seen.mean())
-    elastic = gain(case.experiment, case.effects, {}, case.noise)
+    elastic = gain(experiment, case.effects, {}, case.noise)
     gains: dict[str, Gain] = {}
     for name in case.effects:
         others = {other: values for other, values in case.effects.items() if other != name}
-        gains[name] = gain(case.experiment, case.effects, others, case.noise) if others else elastic
+        gains[name] = gain(experiment, case.effects, others, case.noise) if others else elastic
     # Lost points take their share of the information.
     shares = {name: seen * found.value for name, found in gains.items()}
     return {

@@ -100,7 +100,13 @@ def score(verdict: Verdict | None, answer: Answer) -> dict[str, Any]:
         "named": [] if verdict is None else named(verdict),
         "tie": [] if verdict is None else list(verdict["equivalent"]),
         "outcome": outcome(verdict, answer),
+        "everywhere": {
+            "detectable": list(answer["everywhere"]["detectable"]),
+            "outcome": outcome(verdict, {**answer, **answer["everywhere"]}),
+        },
     }
+    if verdict is not None and row["named"]:
+        row |= {"heldout": _heldout(verdict)}
     if verdict is not None and row["outcome"] == "right" and row["named"]:
         row |= {"covered": _covered(verdict, answer), "place_error_m": _place_error(verdict, answer)}
         row["covered_forms"] = _inside(_parameters(verdict), answer["nearest"])
@@ -127,6 +133,9 @@ def summarise(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "missed": share(outcomes["missed"], len(found)),
         "false_alarms": share(sum(row["status"] != "no_mismatch" for row in nulls), len(nulls)),
         "pairs_both_named": share(sum(_all_named(row) for row in pairs), len(pairs)),
+        "heldout_better": _share_of(rows, "than_elastic"),
+        "heldout_better_than_black_box": _share_of(rows, "than_black_box"),
+        "everywhere": _everywhere(rows),
         "by_effect": _by_effect(found),
         "coverage": _coverage(rows, "covered"),
         "coverage_forms": _coverage(rows, "covered_forms"),
@@ -135,6 +144,20 @@ def summarise(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "confusion": [
             {"true": true, "said": said, "count": count} for (true, said), count in sorted(confusion.items())
         ],
+    }
+
+
+def _share_of(rows: Sequence[Mapping[str, Any]], key: str) -> dict[str, Any]:
+    told = [row["heldout"][key] for row in rows if row.get("heldout")]
+    return share(sum(told), len(told))
+
+
+def _everywhere(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """The first shares where the held-out frames, which no diagnosis fits, count for what is detectable."""
+    ends = [row["everywhere"]["outcome"] for row in rows if row["everywhere"]["detectable"]]
+    return {
+        "right_or_tied": share(ends.count("right") + ends.count("tied"), len(ends)),
+        "confidently_wrong": share(ends.count("wrong") + ends.count("missed"), len(ends)),
     }
 
 
@@ -202,6 +225,17 @@ def _holds(estimate: Mapping[str, Any], value: float) -> bool:
     low = -np.inf if estimate["low"] is None else estimate["low"]
     high = np.inf if estimate["high"] is None else estimate["high"]
     return bool(low <= value <= high)
+
+
+def _heldout(verdict: Verdict) -> dict[str, bool] | None:
+    """Whether the winner foretells the held-out frames better than the elastic rod and than the black box."""
+    names, change = set(named(verdict)), {}
+    for one in verdict["candidates"]:
+        if one["kind"] == "black_box" or set(one["effects"]) == names:
+            change[one["kind"] == "black_box"] = one["heldout_delta_chi2"]
+    if None in (change.get(True), change.get(False)):
+        return None
+    return {"than_elastic": change[False] < 0, "than_black_box": change[False] < change[True]}
 
 
 def _place_error(verdict: Verdict, answer: Answer) -> dict[str, float]:

@@ -8,6 +8,7 @@ import pytest
 
 from dlolib.diagnose.decide import decide
 from dlolib.diagnose.fitting import Fitted
+from dlolib.diagnose.heldout import Foretold, refuted
 from dlolib.diagnose.residuals import explains, helps
 from dlolib.diagnose.search import Searched
 from dlolib.diagnose.study import DiagnoseSettings
@@ -29,15 +30,32 @@ def left(effects, chi2, parameters=2):
     return Fitted(effects, unknowns, np.zeros(count), whole, np.eye(count), (NOISE + slow,), (), 1)
 
 
-def decided(*models):
+def decided(*models, refuted=()):
     base = left((), 7000.0, 0)
     ranked = sorted(models, key=lambda one: one.bic(FRAMES))
-    return decide(STUDY, Searched(base, tuple(ranked)), DiagnoseSettings())
+    return decide(STUDY, Searched(base, tuple(ranked)), DiagnoseSettings(), refuted)
 
 
 def test_the_best_model_explains_where_no_other_is_near():
     found = decided(left(("mass_profile",), 0.0), left(("lateral_load",), 60.0))
     assert (found.status, found.winner.effects) == ("explained", ("mass_profile",))
+
+
+def test_what_foretells_worse_than_the_elastic_rod_explains_nothing():
+    lump, load = left(("mass_profile",), 0.0), left(("lateral_load",), 5.0)
+    found = decided(lump, load, refuted={lump.effects})
+    assert (found.status, found.winner, found.refuted) == ("unexplained", lump, True)
+    found = decided(lump, load, refuted={load.effects})
+    assert (found.status, found.winner, found.refuted) == ("explained", lump, False)
+
+
+def test_worse_than_the_elastic_rod_is_worse_by_more_than_chance():
+    elastic = Foretold(np.full(24, 84.0), np.zeros(1))
+    each = np.tile([2.0, -1.0], 12)
+    foretold = {(): elastic, ("lump",): Foretold(elastic.chi2 + each, np.zeros(1))}
+    assert refuted(foretold) == set()
+    assert refuted(foretold | {("load",): Foretold(elastic.chi2 + each + 1.0, np.zeros(1))}) == {("load",)}
+    assert refuted({("load",): elastic}) == set()
 
 
 def test_models_as_good_tie():

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from diagnose.test_diagnose import QUICK, made
 
-from dlolib.diagnose.diagnose import _raw
+from dlolib.diagnose.diagnose import raw_study
 from dlolib.diagnose.fitting import awake, hypothesis
 from dlolib.diagnose.study import Study
 from dlolib.identify.parameters import Unknown
@@ -31,14 +31,14 @@ def woken(study: Study) -> dict[str, float]:
 
 
 def test_what_bends_the_rope_out_of_its_plane_is_woken() -> None:
-    moved = woken(_raw([flat()], QUICK))
+    moved = woken(raw_study([flat()], QUICK))
     assert len(moved) == 1 and abs(next(iter(moved.values()))) == 0.1
-    assert not woken(_raw([made({})], QUICK))
+    assert not woken(raw_study([made({})], QUICK))
 
 
 def test_a_nuisance_stays_within_its_deviations() -> None:
     recording = made({})
-    study = _raw([recording, replace(recording, name="again")], QUICK)
+    study = raw_study([recording, replace(recording, name="again")], QUICK)
     for unknown, deviation in study.nuisances.items():
         low, high = study.bounds(unknown)
         wide = unknown.name.startswith(("end_angle", "end_twist"))

@@ -7,10 +7,10 @@ import pytest
 from diagnose.test_diagnose import QUICK, made
 from sim.ropes import EI
 
+from dlolib.diagnose import fitting, tasks
 from dlolib.diagnose import study as study_module
-from dlolib.diagnose import tasks
-from dlolib.diagnose.diagnose import _raw
-from dlolib.diagnose.search import _backed, baseline
+from dlolib.diagnose.diagnose import raw_study
+from dlolib.diagnose.search import backed, baseline
 from dlolib.diagnose.study import acting_only, library
 from dlolib.identify.identify import FIRST_STIFFNESS_M4_S2
 from dlolib.identify.parameters import Unknown
@@ -19,7 +19,7 @@ from dlolib.sim.effects import rest_curvature
 
 @pytest.fixture(scope="module")
 def study():
-    return acting_only(_raw([made({})], QUICK), FIRST_STIFFNESS_M4_S2)
+    return acting_only(raw_study([made({})], QUICK), FIRST_STIFFNESS_M4_S2)
 
 
 def test_a_fit_begins_also_where_the_effect_is_not_there_yet(study):
@@ -54,7 +54,7 @@ def test_a_finer_mesh_that_snaps_elsewhere_tells_no_error_of_the_mesh(study, mon
     found = baseline(study)
     for moved_m, taken in ((0.001, True), (0.1, False)):
         elsewhere = tuple(np.full_like(one, moved_m) for one in found.offsets_m)
-        monkeypatch.setattr(tasks, "corrected", lambda study, point, new=elsewhere: new)
+        monkeypatch.setattr(fitting, "_extrapolated", lambda one, rod, new=elsewhere[0]: new)
         again = tasks.refit(study, tasks.task_from(found))
         assert np.array_equal(again.offsets_m[0], elsewhere[0]) is taken
         assert np.array_equal(again.offsets_m[0], found.offsets_m[0]) is not taken
@@ -68,7 +68,7 @@ def test_the_parts_of_a_pair_begin_where_the_pair_ended(study):
     pair = tasks.refit(study, tasks.Task(form, (start,), elastic.offsets_m, 1))
     stuck = replace(elastic, effects=("end_angle",), chi2=elastic.chi2 + 1e4)
     models = {("end_angle",): stuck, ("clock_offset", "end_angle"): pair}
-    _backed(study, models, 2, lambda work, jobs, what: [work(study, job) for job in jobs])
+    backed(study, models, 2, lambda work, jobs, what: [work(study, job) for job in jobs])
     assert set(models) == {("end_angle",), ("clock_offset",), ("clock_offset", "end_angle")}
     assert models["end_angle",].chi2 < elastic.chi2 + 1.0
     assert [u.name for u in models["end_angle",].unknowns if "." in u.name] == ["end_angle.start_1"]

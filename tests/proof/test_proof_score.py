@@ -13,6 +13,7 @@ def answer(*names: str, detectable: tuple[str, ...] | None = None, gain: float =
         "effects": list(names),
         "detectable": list(found),
         "elastic_gain": gain if names else 0.0,
+        "everywhere": {"detectable": list(names), "elastic_gain": gain if names else 0.0},
         "parameters": {name: {"s": 0.2, "mass": 0.001, "gradient": 0.0} for name in names},
         "bending_stiffness": 3e-4,
         "nearest": {},
@@ -32,6 +33,11 @@ def verdict(
         "equivalent": [list(one) for one in tie],
         "baseline": {"parameters": {"bending_stiffness": stiffness}},
         "augmented": {"parameters": {"bending_stiffness": better}},
+        "candidates": [
+            {"kind": "library", "effects": list(names), "heldout_delta_chi2": -30.0},
+            {"kind": "wrong_same_size", "effects": [CLOCK], "heldout_delta_chi2": 9.0},
+            {"kind": "black_box", "effects": [], "heldout_delta_chi2": -40.0 if s > 0.22 else -10.0},
+        ],
     }
 
 
@@ -79,12 +85,18 @@ def test_the_summary_counts() -> None:
         score(verdict("explained", SPOT), answer()),
         score(verdict("explained", SPOT, LUMP), answer(LUMP, SPOT)),
         score(verdict("no_mismatch"), answer(CLOCK)),
+        score(verdict("no_mismatch"), answer(SPOT, detectable=(), gain=9.0)),
     ]
     figures = summarise(rows)
     assert figures["detectable"] == 5
     assert figures["right_or_tied"]["share"] == pytest.approx(3 / 5)
     assert figures["confidently_wrong"]["count"] == 2
     assert figures["missed"]["count"] == 1
+    assert figures["heldout_better"] == share(5, 5)
+    assert figures["heldout_better_than_black_box"] == share(4, 5)
+    # what shows in the held-out frames alone counts there
+    assert figures["everywhere"]["right_or_tied"]["of"] == 6
+    assert figures["everywhere"]["confidently_wrong"]["count"] == 3
     assert figures["false_alarms"]["count"] == 1
     assert figures["pairs_both_named"]["share"] == 1
     assert figures["place"] == share(3, 4)

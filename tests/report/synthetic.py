@@ -318,7 +318,8 @@ def _write_proof(folder: Path) -> None:
     def row(true: list[str], status: str, named: list[str], outcome: str) -> dict[str, object]:
         tie = [[name] for name in (*named, "end_angle")] if status == "ambiguous" else []
         said = {"status": status, "named": named, "tie": tie, "outcome": outcome}
-        return {"true": true, "detectable": true, "elastic_gain": 50.0 * len(true), **said}
+        found = {"detectable": true, "elastic_gain": 50.0 * len(true)}
+        return {"true": true, **found, "everywhere": {**found, "outcome": outcome}, **said}
 
     rows = [
         row(["clock_offset"], "explained", ["clock_offset"], "right")

@@ -22,6 +22,8 @@ SHARES = {
     "pairs_both_named": ("pairs: both named", "≥ 80 %"),
     "false_alarms": ("nothing missing, and yet an alarm", "≤ 1 %"),
     "place": ("named place within 15 mm", "≥ 90 %"),
+    "heldout_better": ("held-out χ² better than the elastic rod's, where something is named", "≥ 95 %"),
+    "heldout_better_than_black_box": ("and better than the black box's", "≥ 80 %"),
 }
 # Counted beside it: the file, the share's key in it, what it is, and its goal.
 BESIDE = {
@@ -68,6 +70,11 @@ def _words(proof: Mapping[str, Any]) -> Paragraph:
         "hash of its answers before its diagnosis; the others were diagnosed by earlier versions and are in "
         f"`reports/proof`. {proof['detectable']} of them hold an effect that a noise-free fit could see (a "
         "gain of 40 in χ²)."
+    )
+    everywhere = proof["everywhere"]["right_or_tied"]
+    text += (
+        " The frames that a recording declares held out do not count there, for no diagnosis may fit them; "
+        f"where they count {everywhere['count']} of {everywhere['of']} are right or tied."
     )
     if bias["recordings"]:
         text += (
