@@ -47,6 +47,11 @@ cables: .venv/installed ## identify the four real cables in DATA=DIR and write r
 	@[ -n "$(DATA)" ] || { echo "make cables: DATA is not set; say where the recordings lie: make cables DATA=DIR" >&2; exit 2; }
 	@python -m stages.cables "$(DATA)"
 
+.PHONY: sweeps
+sweeps: .venv/installed ## diagnose two sweeps and settled poses of one real cable in DATA=DIR together: reports/sweeps.json
+	@[ -n "$(DATA)" ] || { echo "make sweeps: DATA is not set; say where the recordings lie: make sweeps DATA=DIR" >&2; exit 2; }
+	@python -m stages.sweeps "$(DATA)"
+
 .PHONY: elastic
 elastic: .venv/installed ## the laboratory with an elastic rope: is the EI that comes out the one that went in?
 	@python -m stages.elastic

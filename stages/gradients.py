@@ -8,10 +8,10 @@ from itertools import pairwise
 import numpy as np
 
 from dlolib.sim import simulate
+from dlolib.sim.differentiate import gradient, sensitivities
 from dlolib.sim.effects import EFFECTS
 from dlolib.sim.recording import RecordingModel
 from dlolib.sim.rod import Rod
-from dlolib.sim.simulate import gradient, sensitivities
 from dlolib.types import Ends, Floats, Motion, Obstacle, Points, Recording
 from stages.peers import EI, GJ, GRAVITY, MOTION, ROPE, STEP_S, STEPS
 
@@ -151,9 +151,9 @@ def _events(model: RecordingModel, rod: Rod) -> Floats:
 
 def _adjoint_error(model: RecordingModel, rod: Rod, parameters: list[str]) -> float:
     """The adjoint's derivatives of a random linear loss against the sensitivities', of one roll-out."""
+    from dlolib.sim.differentiate import Case, Variation
     from dlolib.sim.recording import sides_of
     from dlolib.sim.rod import scene_of
-    from dlolib.sim.simulate import Case, Variation
 
     moved = model.roll_out(rod)
     ways = []

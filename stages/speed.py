@@ -16,9 +16,10 @@ from scipy.interpolate import interp1d
 
 from dlolib.formats import read_layout
 from dlolib.learn import learn
+from dlolib.sim.differentiate import gradient
 from dlolib.sim.rod import Rod, scene
 from dlolib.sim.scene import SAMPLES, Scene, contact_points
-from dlolib.sim.simulate import Clock, Rollout, State, gradient, roll_out
+from dlolib.sim.simulate import Clock, Rollout, State, roll_out
 from dlolib.sim.simulate import Path as SimPath
 from dlolib.sim.start import settle
 from dlolib.types import Ends, Obstacle

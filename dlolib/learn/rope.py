@@ -9,8 +9,9 @@ import numpy as np
 
 from dlolib.errors import SimulationError
 from dlolib.learn.settings import LearnSettings
+from dlolib.sim.differentiate import Cotangent, gradient
 from dlolib.sim.rod import Rod, scene
-from dlolib.sim.simulate import Clock, Cotangent, Path, Rollout, State, gradient, roll_out
+from dlolib.sim.simulate import Clock, Path, Rollout, State, roll_out
 from dlolib.sim.start import first_shape, settle
 from dlolib.types import Floats, Layout
 

@@ -7,22 +7,17 @@ and h = G(u, u', h', p); primes mark the step before. Then
 
 forwards in time (`sensitivities`, for a handful of parameters p and many residuals), and the transpose of
 all this backwards (`adjoint`, for one loss and any number of inputs). What a parameter does, dr/dp and dG/dp
-at fixed u, u' and h', comes from `residuals` of two scenes, a little to either side: an explicit function,
-smooth on the branches that the step took, whose differences are right to some eight digits.
+at fixed u, u' and h', comes from the residuals of two scenes (`linearise`), a little to either side: an
+explicit function, smooth on the branches that the step took; its differences are right to some eight digits.
 """
 
 from dlolib.sim.assembly import (
     ENDS,
-    advance,
-    assemble,
     bands,
-    bent_before,
     clear_held,
     flags1,
     flags2,
-    flags3,
     frames3,
-    hold_ends,
     is_held,
     joint_lengths,
     row_of,
@@ -33,154 +28,13 @@ from dlolib.sim.assembly import (
     vectors3,
     vectors4,
 )
-from dlolib.sim.band import HALF, entry, factor, solve, solve_transposed, times_column
-from dlolib.sim.contact import friction
-from dlolib.sim.direct import NOT_FINITE
-from dlolib.sim.effects import LAWS
-from dlolib.sim.joints import HISTORY, begin, curvature, law_derivatives, laws_act
-from dlolib.sim.runtime import APART, NEAR, mat2, mat3, ti, vec2, vec3, vec4
+from dlolib.sim.band import HALF, entry, solve, solve_transposed, times_column
+from dlolib.sim.joints import HISTORY, laws_act
+from dlolib.sim.runtime import APART, mat2, mat3, ti, vec2, vec3
 from dlolib.sim.scene import DRAG, INERTIA, SAMPLES
-from dlolib.sim.scene import LAWS as FIRST
 from dlolib.sim.strain import bend_twist, darboux, moment_to_rotations, rotations_to_strain
 
 scalars5 = ti.types.ndarray(dtype=ti.f64, ndim=5)
-
-
-@ti.func
-def copy_band(source: ti.template(), target: ti.template(), b: int, rows: int):
-    for r in range(rows):
-        target[b, r] = source[b, r]
-
-
-@ti.kernel
-def linearise(
-    x: vectors3,
-    q: frames3,
-    first: vectors2,
-    past: scalars4,
-    slip: vectors3,
-    sliding: flags3,
-    end_q: frames3,
-    steps: scalars3,
-    joints: scalars3,
-    segments: scalars3,
-    particles: scalars3,
-    contacts: scalars3,
-    obstacles: scalars3,
-    grips: scalars3,
-    clamped: flags2,
-    moving: ti.i32,
-    momentum: ti.f64,
-    fresh: ti.i32,
-    symmetric: ti.i32,
-    upper: bands,
-    lower: bands,
-    whole_upper: bands,
-    whole_lower: bands,
-    y: scalars3,
-    bends: scalars4,
-    rubs: scalars3,
-    status: flags1,
-):
-    """K of every converged step, slot b T + t - 1: whole, and factored without what is prescribed.
-
-    Beside it how the laws of every joint and the friction of every contact point depend on the step before:
-    bends (S, n, laws, 20), five 2 x 2 matrices as `law_derivatives` returns them; rubs (S, K, 19), the
-    spring's stiffness and two 3 x 3 matrices as `friction` does.
-    """
-    for lane in range(upper.shape[0] * NEAR):
-        if lane % NEAR != 0:
-            continue
-        m = lane // NEAR
-        n = x.shape[2]
-        count = x.shape[1] - 1
-        b, t = m // count, m % count + 1
-        # both parts are wanted of a symmetric K too
-        assemble(
-            b, t, m, x, q, first, past, slip, sliding, end_q, steps, joints, segments, particles, contacts,
-            obstacles, grips, clamped, moving, momentum, fresh, 0, 1, 0, y, upper, lower, y, True, False,
-        )  # fmt: skip
-        copy_band(upper, whole_upper, m, 6 * (n + 1))
-        copy_band(lower, whole_lower, m, 6 * (n + 1))
-        hold_ends(upper, lower, m, n, b, grips, clamped)
-        if factor(upper, lower, m, 6 * (n + 1), symmetric, 0) > 0:
-            status[m] = NOT_FINITE
-        dt = steps[b, t, 0] * (1 - fresh)
-        for i in range(n):
-            if laws_act(joints, b, i):
-                now_l, before_l = joint_lengths(joints, steps, b, t, i)
-                kappa = curvature(q, b, t, i, now_l)
-                before = bent_before(joints, q, b, t, i, before_l, fresh)
-                for k in ti.static(range(len(LAWS))):
-                    if joints[b, i, FIRST + 2 * k] != 0.0:
-                        blocks = law_derivatives(k, joints, past, b, t - 1, i, kappa, before, dt)
-                        for part in ti.static(range(5)):
-                            for r in ti.static(range(2)):
-                                for c in ti.static(range(2)):
-                                    bends[m, i, k, 4 * part + 2 * r + c] = blocks[part][r, c]
-        if symmetric == 0 and fresh == 0:
-            for p in range(n):
-                for j in range(SAMPLES):
-                    if j == 0 or p + 1 < n:
-                        k = SAMPLES * p + j
-                        _e, hold, _s, by_p, by_past, _on = friction(
-                            sample(x, b, t, p, j), sample(x, b, t - 1, p, j), slip[b, t - 1, k],
-                            contacts[b, k, 1], contacts[b, k, 0], obstacles, b, sliding[b, t, k], vec4(-1.0),
-                            vec3(0.0),
-                        )  # fmt: skip
-                        rubs[m, k, 0] = hold
-                        for r in ti.static(range(3)):
-                            for c in ti.static(range(3)):
-                                rubs[m, k, 1 + 3 * r + c] = by_p[r, c]
-                                rubs[m, k, 10 + 3 * r + c] = by_past[r, c]
-
-
-@ti.kernel
-def residuals(
-    x: vectors3,
-    q: frames3,
-    first: vectors2,
-    past: scalars4,
-    slip: vectors3,
-    sliding: flags3,
-    end_q: frames3,
-    steps: scalars3,
-    joints: scalars3,
-    segments: scalars3,
-    particles: scalars3,
-    contacts: scalars3,
-    obstacles: scalars3,
-    grips: scalars3,
-    clamped: flags2,
-    moving: ti.i32,
-    momentum: ti.f64,
-    fresh: ti.i32,
-    symmetric: ti.i32,
-    unused: bands,
-    y: scalars3,
-    out_past: scalars4,
-    out_slip: vectors3,
-):
-    """Minus the forces of every step, slot b T + t - 1, and the histories that follow it, at fixed states."""
-    for lane in range(y.shape[0] * NEAR):
-        if lane % NEAR != 0:
-            continue
-        m = lane // NEAR
-        count = x.shape[1] - 1
-        b, t = m // count, m % count + 1
-        if fresh == 1:
-            # what was before the first shape depends on the parameters too
-            for i in range(x.shape[2]):
-                begin(joints, past, b, t - 1, i, 1)
-        assemble(
-            b, t, m, x, q, first, past, slip, sliding, end_q, steps, joints, segments, particles, contacts,
-            obstacles, grips, clamped, moving, momentum, fresh, symmetric, 1, 0, y,
-            unused, unused, y, False, False,
-        )  # fmt: skip
-        advance(
-            b, t, m, 0, x, q, past, slip, sliding, steps, joints, contacts, obstacles, fresh, symmetric, 1,
-            out_past, out_slip,
-        )  # fmt: skip
 
 
 @ti.func
@@ -546,4 +400,4 @@ def adjoint(
                                 d_x[b, t - 1, p + 1] -= there * back_to
 
 
-__all__ = ["adjoint", "linearise", "residuals", "sensitivities"]
+__all__ = ["adjoint", "sensitivities"]

@@ -14,11 +14,12 @@ from functools import cached_property
 import numpy as np
 
 from dlolib.formats import interpolate_motion
+from dlolib.sim.differentiate import Case, Variation, sensitivities
 from dlolib.sim.effects.base import Setup
 from dlolib.sim.observe import point_weights, viewing_axis
 from dlolib.sim.recording import Prediction, RecordingModel, Sides, as_seen, held_path, largest_step, sides_of
 from dlolib.sim.rod import Rod, scene_of, setup
-from dlolib.sim.simulate import Case, Path, Rollout, State, Variation, sensitivities
+from dlolib.sim.simulate import Path, Rollout, State
 from dlolib.sim.start import curve_through, frames_along, settle
 from dlolib.types import Floats, Ints, Motion, Pose, Recording
 

@@ -14,22 +14,12 @@ from scipy.spatial.transform import Rotation
 from dlolib.errors import ParameterError, SimulationError
 from dlolib.formats import interpolate_motion
 from dlolib.sim import iterative
+from dlolib.sim.differentiate import Case, Tangent, Variation, sensitivities, zero_tangent
 from dlolib.sim.effects import parameter
 from dlolib.sim.effects.base import Camera, Setup
 from dlolib.sim.observe import Sampling, point_weights, sampling_of, seen, turned, viewing_axis
 from dlolib.sim.rod import STIFFNESSES, Rod, scene_of, setup
-from dlolib.sim.simulate import (
-    Case,
-    Clock,
-    Path,
-    Rollout,
-    State,
-    Tangent,
-    Variation,
-    roll_out,
-    sensitivities,
-    zero_tangent,
-)
+from dlolib.sim.simulate import Clock, Path, Rollout, State, roll_out
 from dlolib.sim.start import first_shape, released, settle
 from dlolib.types import Floats, Motion, Pose, Recording
 

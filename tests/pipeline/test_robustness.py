@@ -7,7 +7,8 @@ import pytest
 
 from dlolib.errors import SimulationError
 from dlolib.sim import simulate
-from dlolib.sim.simulate import gradient, roll_out
+from dlolib.sim.differentiate import gradient
+from dlolib.sim.simulate import roll_out
 from stages.robustness import STEPS, _begun, outcome, scene_of_number, summary
 
 # Quasi-static and free of contact; Newton's method alone does not follow it.

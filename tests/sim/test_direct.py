@@ -9,8 +9,9 @@ from sim.ropes import EI, GJ, GRAVITY, ROPE, cylinder, moved, pose, settled, swi
 from dlolib.errors import SimulationError
 from dlolib.lab.elastica import planar_elastica
 from dlolib.sim.clearance import clearance
+from dlolib.sim.differentiate import Case, Variation, gradient
 from dlolib.sim.rod import Rod, scene
-from dlolib.sim.simulate import Case, Clock, State, Variation, gradient, roll_out
+from dlolib.sim.simulate import Clock, State, roll_out
 from dlolib.types import Ends, Floats
 
 CLOCKS = {"dynamic": Clock(0.01), "quasi_static": Clock(None), "at_rest": Clock(0.01, momentum=0.0)}

@@ -10,10 +10,11 @@ from sim.ropes import EI, GJ, GRAVITY, LEVEL, ROPE, swing
 
 from dlolib.errors import ParameterError
 from dlolib.sim import simulate
+from dlolib.sim.differentiate import Case, Cotangent, Variation, gradient, sensitivities
 from dlolib.sim.effects import EFFECTS, named
 from dlolib.sim.recording import RecordingModel, sides_of
 from dlolib.sim.rod import Rod, scene_of
-from dlolib.sim.simulate import Case, Clock, Cotangent, Variation, gradient, roll_out, sensitivities
+from dlolib.sim.simulate import Clock, roll_out
 from dlolib.types import Ends, Floats, Motion, Obstacle, Points, Recording
 
 PARTICLES, SEEN = 14, 5
