@@ -87,10 +87,16 @@ def begin(size: int) -> str:
 
 
 def unfinished() -> str | None:
-    """A shard that was begun here and not scored."""
-    begun = sorted(path.name for path in SEALED.glob("shard_*"))
-    scored = {row["shard"] for row in book.runs(BOOK) if row["state"] == "scored"}
-    return next((shard for shard in begun if shard not in scored), None)
+    """A shard that was begun here and not scored; what another version began to diagnose is aborted."""
+    rows = {row["shard"]: row for row in book.runs(BOOK)}
+    for shard in sorted(path.name for path in SEALED.glob("shard_*")):
+        row = rows.get(shard)
+        if row is None or (row["state"] == "diagnosing" and row["version"] == book.version()):
+            return shard
+        if row["state"] == "diagnosing":
+            seed = json.loads((SEALED / shard / "shard.json").read_text())["seed"]
+            book.settle(BOOK, shard, SEALED / shard, seed, "aborted")
+    return None
 
 
 def finish(shard: str, command: str) -> None:

@@ -190,10 +190,13 @@ class Study:
         """Whether the rope is too stiff there for its weight to bend it; then nothing tells how stiff."""
         return point[Unknown("bending_stiffness")] > self._weight / UNBENT
 
-    def softer(self, point: Point) -> list[dict[Unknown, float]]:
-        """Stiffnesses in the place of a point's; none at first, and others where it is rigid."""
-        shares = BENT_BY_WEIGHT if self.rigid(point) else ()
-        return [{}, *({Unknown(name): share * self._weight for name in self.stiffnesses} for share in shares)]
+    def softer(self, point: Point, effect: str) -> list[dict[Unknown, float]]:
+        """Stiffnesses in the place of a point's, where a fit with one more effect may begin: none first, then
+        softer ones where the point is rigid, or stiff for want of that effect."""
+        stiff = self.rigid(point) or getattr(EFFECTS[effect], "STIFFENS", False)
+        eis = [share * self._weight for share in BENT_BY_WEIGHT if stiff]
+        eis = [ei for ei in eis if ei < point[Unknown("bending_stiffness")]]
+        return [{}, *({Unknown(name): ei for name in self.stiffnesses} for ei in eis)]
 
     @property
     def _weight(self) -> float:

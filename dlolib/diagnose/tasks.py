@@ -71,7 +71,7 @@ def beginning(
     """One more effect beside those of a fitted model, from there; `best` of its starts are fitted in full."""
     starts = tuple(
         {**at.point, **stiffness, **{Unknown(part): value for part, value in start.items()}}
-        for stiffness in study.softer(at.point)
+        for stiffness in study.softer(at.point, name)
         for start in study.starts(name, form, hints)
     )
     return Task({**have, name: form}, starts, at.offsets_m, best)

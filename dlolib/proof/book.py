@@ -54,14 +54,14 @@ def note(book: Path, shard: str, answers: Path, size: int) -> None:
     write_csv(book / RUNS, pd.DataFrame([*runs(book), row], columns=list(COLUMNS)))
 
 
-def settle(book: Path, shard: str, answers: Path, seed: int) -> None:
-    """Reveal a shard's seed and call it scored; its answers must be what they were."""
+def settle(book: Path, shard: str, answers: Path, seed: int, state: str = "scored") -> None:
+    """Reveal a shard's seed and call it scored, or aborted; its answers must be what they were."""
     rows = runs(book)
     for row in rows:
         if row["shard"] == shard:
             if row["answers_sha256"] != seal(answers):
                 raise ParameterError("the answers are not those that were sealed", file=answers)
-            row |= {"state": "scored", "seed": str(seed)}
+            row |= {"state": state, "seed": str(seed)}
     write_csv(book / RUNS, pd.DataFrame(rows, columns=list(COLUMNS)))
 
 

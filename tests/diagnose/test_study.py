@@ -42,12 +42,22 @@ def test_a_rope_yields_first_below_its_largest_curvature(study):
 
 def test_softer_ropes_are_tried_where_the_stiffness_tells_nothing(study):
     found = baseline(study).point
-    assert not study.rigid(found) and study.softer(found) == [{}]
+    assert not study.rigid(found) and study.softer(found, "mass_profile") == [{}]
     rigid = dict.fromkeys(map(Unknown, study.stiffnesses), 2e4 * EI)
     assert study.rigid(rigid)
-    first, *others = study.softer(rigid)
+    first, *others = study.softer(rigid, "mass_profile")
     assert first == {} and all(set(one) == set(rigid) for one in others)
     assert all(0 < one[Unknown("bending_stiffness")] < rigid[Unknown("bending_stiffness")] for one in others)
+
+
+def test_softer_ropes_are_tried_beside_what_is_taken_for_stiffness(study):
+    stiff = dict.fromkeys(map(Unknown, study.stiffnesses), 200 * EI)
+    assert not study.rigid(stiff) and study.softer(stiff, "mass_profile") == [{}]
+    first, *others = study.softer(stiff, "inertia_drag")
+    assert first == {} and others
+    assert all(0 < one[Unknown("bending_stiffness")] < 200 * EI for one in others)
+    soft = dict.fromkeys(map(Unknown, study.stiffnesses), 1e-3 * EI)
+    assert study.softer(soft, "inertia_drag") == [{}]
 
 
 def test_a_finer_mesh_that_snaps_elsewhere_tells_no_error_of_the_mesh(study, monkeypatch):

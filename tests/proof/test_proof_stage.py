@@ -5,6 +5,7 @@ import json
 import shlex
 import subprocess
 import sys
+from datetime import datetime, tzinfo
 from pathlib import Path
 
 import pytest
@@ -76,6 +77,30 @@ def test_an_interrupted_shard_stays_in_the_book_and_is_taken_up_again(
     (again,) = rows()
     assert again["shard"] == row["shard"]
     assert again["state"] == "scored"
+
+
+class Later(datetime):
+    """A clock that has gone on, so that a second shard has a name of its own."""
+
+    @classmethod
+    def now(cls, tz: tzinfo | None = None) -> datetime:
+        return datetime(2040, 1, 1, tzinfo=tz)
+
+
+def test_a_shard_that_another_version_began_to_diagnose_is_aborted(
+    command: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as broken:
+        broken.setattr(proof, "diagnose", lambda *_: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            proof.main("--size", "1", "--command", command)
+    monkeypatch.setattr(book, "version", lambda: "another")
+    monkeypatch.setattr(proof, "datetime", Later)
+    proof.main("--size", "1", "--command", command)
+    first, second = rows()
+    assert (first["state"], second["state"]) == ("aborted", "scored")
+    assert first["seed"] and first["version"] != second["version"] == "another"
+    assert json.loads(Path("reports/proof/summary.json").read_text())["shards"] == [second["shard"]]
 
 
 def test_changed_answers_are_refused(command: str) -> None:
