@@ -67,7 +67,7 @@ def rest(rod: Rod, start: Pose, end: Pose | None, gravity: Floats = GRAVITY) -> 
     """The rod's equilibrium between two clamps, or from one."""
     ends = Ends() if end is not None else CANTILEVER
     made = scene([rod], gravity, ends)
-    state = first_shape(rod.rope.length_m, rod.particles, ends, start, end, gravity)
+    state = first_shape(rod.rope.length_m, rod.particles, start, end, gravity)
     return made, settle(made, state, held([start], [end or start]))
 
 

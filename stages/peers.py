@@ -76,7 +76,7 @@ def at_rest(
     """Rods of one number of particles at the arc's beginning: their scene, and their equilibrium."""
     poses = (Pose(MOTION.start_m[0], MOTION.start_q[0]), Pose(MOTION.end_m[0], MOTION.end_q[0]))
     made = scene(rods, gravity, Ends(), obstacles)
-    one = first_shape(rods[0].rope.length_m, rods[0].particles, Ends(), *poses, gravity)
+    one = first_shape(rods[0].rope.length_m, rods[0].particles, *poses, gravity)
     many = State(*(np.repeat(part, len(rods), axis=0) for part in (one.x, one.before, one.q)))
     x, q = (np.array([[[getattr(p, name) for p in poses]]]) for name in ("position_m", "quaternion"))
     ends = Path(np.repeat(x, len(rods), axis=0), np.repeat(q, len(rods), axis=0))

@@ -232,7 +232,7 @@ def _first(rng: np.random.Generator, rope: Rope, particles: int, ends: Ends, pat
         return released(s, curl, np.full(particles - 1, rope.length_m / (particles - 1)))
     start = poses[0] if ends.start == "clamped" else None
     end = poses[1] if ends.end == "clamped" else None
-    return first_shape(rope.length_m, particles, ends, start, end, GRAVITY)
+    return first_shape(rope.length_m, particles, start, end, GRAVITY)
 
 
 def _obstacles(

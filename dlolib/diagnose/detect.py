@@ -27,7 +27,7 @@ FAR, SQUARED, SECANTS = 50.0, 2 * np.log(10), 6
 
 @dataclass(frozen=True)
 class Size:
-    """One parameter whose size is asked for, the effect's others at their first usual values."""
+    """One parameter whose size is asked for, the effect's others at usual ones (`Study.middle`)."""
 
     name: str
     part: str

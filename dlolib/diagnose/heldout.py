@@ -35,10 +35,11 @@ class Foretold:
         """Root mean square distance."""
         return float(np.sqrt(np.mean(self.distances_m**2)))
 
-    def against(self, other: Foretold) -> tuple[float, float]:
-        """Change in χ² against another model, and its standard error over the frames."""
+    def against(self, other: Foretold) -> tuple[float, float | None]:
+        """Change in χ² against another model, and its standard error over the frames; one tells of none."""
         change = self.chi2 - other.chi2
-        return float(change.sum()), float(np.sqrt(len(change)) * change.std(ddof=1))
+        error = float(np.sqrt(len(change)) * change.std(ddof=1)) if len(change) > 1 else None
+        return float(change.sum()), error
 
 
 def foretell(study: Study, model: Fitted) -> Foretold | None:
@@ -53,7 +54,8 @@ def refuted(foretold: Mapping[tuple[str, ...], Foretold]) -> set[tuple[str, ...]
     """The effects of models that foretell worse than the elastic rod (no effects): they fit what they saw."""
     elastic = foretold.get(())
     changes = {} if elastic is None else {effects: one.against(elastic) for effects, one in foretold.items()}
-    return {effects for effects, (change, error) in changes.items() if effects and change > WORSE * error}
+    known = {effects: (change, error) for effects, (change, error) in changes.items() if error is not None}
+    return {effects for effects, (change, error) in known.items() if effects and change > WORSE * error}
 
 
 def _foretold(study: Study, model: Fitted) -> Foretold:

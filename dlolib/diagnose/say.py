@@ -15,9 +15,7 @@ from dlolib.types import Estimate, Named, Place, Quality
 MOST_NUMBERS = 4
 
 
-def named(
-    study: Study, model: Fitted, name: str, probability: float, parameters: Mapping[str, Estimate]
-) -> Named:
+def named(study: Study, name: str, probability: float, parameters: Mapping[str, Estimate]) -> Named:
     """One effect of the winning model, its parameters by their own names."""
     own = {key.partition(".")[2]: value for key, value in parameters.items() if key.startswith(f"{name}.")}
     return Named(name, probability, own, _where(study, own, name), _says(name, own))

@@ -63,7 +63,7 @@ def verdict_of(found: Found) -> Verdict:
     share = probabilities(study, found.searched)
     told = decision.status in ("explained", "ambiguous") or helps(decision.winner, found.searched.baseline)
     names = decision.winner.effects if told else ()
-    effects = tuple(named(study, decision.winner, name, share[name], best.parameters) for name in names)
+    effects = tuple(named(study, name, share[name], best.parameters) for name in names)
     mismatch = decision.status != "no_mismatch"
     where = sorted((p for s in found.scans for p in s.places), key=lambda p: -p.strength) if mismatch else []
     recordings = tuple(one.recording.name for one in study.seen)

@@ -72,7 +72,6 @@ class HeldRope:
         guess = first_shape(
             layout.rope.length_m,
             self.rod.particles,
-            layout.ends,
             layout.start,
             layout.grasp,
             layout.gravity_m_s2,

@@ -112,8 +112,10 @@ def models_figure(verdict: Verdict) -> Canvas:
     figure = canvas(16 + 5 * len(models))
     left, right = figure.subplots(1, 2, sharey=True)
     places = np.arange(len(models))
-    winners = set(verdict.equivalent) or {verdict.candidates[0].effects}
-    colors = [ROD if one.effects in winners and one.kind == "library" else FAINT for one in models]
+    said = [set(names) for names in verdict.equivalent] or [{effect.name for effect in verdict.effects}]
+    silent = verdict.status == "unexplained" and not verdict.effects
+    won = [one.kind == "library" and set(one.effects) in said and not silent for one in models]
+    colors = [ROD if one else FAINT for one in won]
     left.barh(places, [max(one.delta_bic, 0.1) for one in models], color=colors, height=0.6)
     left.set(xlabel="BIC over the best model's", xscale="log", xlim=(0.1, None))
     left.set_yticks(places, [_name(one) for one in models])

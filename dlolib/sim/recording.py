@@ -157,7 +157,7 @@ class RecordingModel:
         end = poses[1] if rec.ends.end == "clamped" else None
 
         def made() -> State:
-            return first_shape(rec.rope.length_m, self.particles, rec.ends, start, end, rec.gravity_m_s2)
+            return first_shape(rec.rope.length_m, self.particles, start, end, rec.gravity_m_s2)
 
         return self._kept.get(("shape", *path.x[0, 0].ravel(), *path.q[0, 0].ravel()), made)
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from dlolib.errors import SimulationError
 from dlolib.sim.scene import Scene
 from dlolib.sim.simulate import Clock, Path, Rollout, State, relax, roll_out
-from dlolib.types import Ends, Floats, Pose
+from dlolib.types import Floats, Pose
 
 SAMPLES = 2001
 # Damped steps towards equilibrium before the quasi-static one, short ones first: (number, seconds each).
@@ -43,14 +43,14 @@ def settle(scene: Scene, state: State, ends: Path) -> Rollout:
 
 
 def first_shape(
-    length_m: float, particles: int, ends: Ends, start: Pose | None, end: Pose | None, gravity_m_s2: Floats
+    length_m: float, particles: int, start: Pose | None, end: Pose | None, gravity_m_s2: Floats
 ) -> State:
     """A curve of the right length between the held poses, sagging with gravity; straight from a single one.
 
     Args:
         length_m: free length [m].
         particles: n.
-        ends: which ends are held; the pose of a free one is None.
+        start, end: poses of the held ends; None of a free one.
         gravity_m_s2: the direction in which slack hangs, shape (3,).
 
     Returns:

@@ -28,7 +28,7 @@ def settled(
     """The rope between the wall at the origin and a gripper, sagging, at rest."""
     rod = rod or Rod(ROPE, EI, GJ, particles=particles)
     start, end = pose(0, 0, 0), end or pose(0.33, 0.0, 0.02)
-    guess = first_shape(rod.rope.length_m, rod.particles, Ends(), start, end, GRAVITY)
+    guess = first_shape(rod.rope.length_m, rod.particles, start, end, GRAVITY)
     made = scene([rod], GRAVITY, Ends(), obstacles)
     return settle(made, guess, way_of(end.position_m[None])).final.at_rest()
 

@@ -70,7 +70,7 @@ def test_a_rope_held_at_one_end_hangs_after_it_swung(particles: int, held: str) 
     made = scene([rod], GRAVITY, ends)
     here = pose(0.0, 0.0, 0.0)
     poses = (here, None) if held == "start" else (None, here)
-    state = first_shape(ROPE.length_m, particles, ends, *poses, GRAVITY)
+    state = first_shape(ROPE.length_m, particles, *poses, GRAVITY)
     still = Path(np.zeros((1, 400, 2, 3)), np.tile(LEVEL, (1, 400, 2, 1)))
     rollout = roll_out(made, state, still, Clock(0.01))
     rest = roll_out(made, rollout.final.at_rest(), Path(still.x[:, :1], still.q[:, :1]), Clock(None))
@@ -88,7 +88,7 @@ def test_a_quasi_static_free_rope_is_refused() -> None:
     with pytest.raises(SimulationError, match="no end is held"):
         RecordingModel(recording(quasi_static=True), 12, 0.01).predict(Rod(ROPE, EI, GJ, particles=12))
     with pytest.raises(SimulationError, match="no end is held"):
-        first_shape(ROPE.length_m, 12, FREE, None, None, GRAVITY)
+        first_shape(ROPE.length_m, 12, None, None, GRAVITY)
 
 
 def recording(quasi_static: bool = False) -> Recording:

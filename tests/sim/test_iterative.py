@@ -47,7 +47,7 @@ def arc():
     x = np.zeros((1, 271, 2, 3))
     x[0, :, 1, 0], x[0, :, 1, 2] = 0.16 + 0.2 * np.cos(angle), 0.2 * np.sin(angle)
     path = Path(x, np.tile(HELD, (1, 271, 2, 1)))
-    first = first_shape(ROPE.length_m, 30, Ends(), Pose(x[0, 0, 0], HELD), Pose(x[0, 0, 1], HELD), GRAVITY)
+    first = first_shape(ROPE.length_m, 30, Pose(x[0, 0, 0], HELD), Pose(x[0, 0, 1], HELD), GRAVITY)
     rest = settle(rope, first, path).final
     return rope, State(rest.x, rest.x, rest.q), Path(x[:, 1:], path.q[:, 1:])
 
@@ -195,7 +195,7 @@ def twisted(ends: Ends, particles: int, step_s: float):
     rod = Rod(rope, 3e-4, 2.1e-4, effects, particles)
     arrays = with_full_ends(scene([rod], GRAVITY, ends))
     start, grasp = Pose(np.zeros(3), HELD), Pose(np.array([0.17, 0.0, -0.04]), HELD)
-    first = first_shape(rope.length_m, particles, ends, start, None if free else grasp, GRAVITY)
+    first = first_shape(rope.length_m, particles, start, None if free else grasp, GRAVITY)
     steps = round(1 / step_s)
     x, q = np.zeros((1, steps, 2, 3)), np.tile(HELD, (1, steps, 2, 1))
     x[:, :, 1] = grasp.position_m

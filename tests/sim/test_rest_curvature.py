@@ -21,7 +21,7 @@ def curled(axis: int, particles: int) -> Floats:
     names[f"rest_curvature.kappa_{axis}"] = names.pop("rest_curvature.kappa")
     made = scene([Rod(ROPE, EI, GJ, names, particles)], WEIGHTLESS, HANGING)
     held = pose(0.0, 0.0, 0.0)
-    state = first_shape(ROPE.length_m, particles, HANGING, held, None, WEIGHTLESS)
+    state = first_shape(ROPE.length_m, particles, held, None, WEIGHTLESS)
     still = Path(np.zeros((1, 1, 2, 3)), np.tile(held.quaternion, (1, 1, 2, 1)))
     return roll_out(made, state, still, Clock(None)).final.x[0]
 
