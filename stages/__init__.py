@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[variable] = "1"
 os.environ["MPLBACKEND"] = "Agg"
 
-from dlolib.errors import DloError  # noqa: E402  (after the variables that NumPy reads when it loads)
+from dlolib.errors import DloError, ParameterError  # noqa: E402  (after the variables that NumPy reads when it loads)
 from dlolib.files import write_json  # noqa: E402
 
 LABORATORY = "lab"
@@ -31,6 +31,29 @@ def run(stage: Callable[..., None], *arguments: str) -> None:
     except DloError as error:
         print(error, file=sys.stderr)
         raise SystemExit(2) from None
+
+
+def known(given: Sequence[str], names: Iterable[str], what: str) -> None:
+    """Refuse what is none of the names.
+
+    Raises:
+        ParameterError: one is not; it says which there are.
+    """
+    among = list(names)
+    for one in given:
+        if one not in among:
+            raise ParameterError(f"there is no {what} {one}", mend=f"give some of {', '.join(among)}")
+
+
+def number(text: str, what: str) -> int:
+    """A count from the command line.
+
+    Raises:
+        ParameterError: it is none.
+    """
+    if not text.isdecimal():
+        raise ParameterError(f"{what} is {text}", mend=f"give {what} as a whole number")
+    return int(text)
 
 
 def write_metrics(name: str, figures: Mapping[str, Any]) -> None:

@@ -16,7 +16,7 @@ from typing import Any
 
 from dlolib.errors import DloError
 from dlolib.files import write_json
-from stages import REPORTS, exactness, run, speed
+from stages import REPORTS, exactness, known, run, speed
 from stages.timing import Figure
 
 
@@ -49,6 +49,7 @@ GOALS = {
 
 def main(*keys: str) -> None:
     """Measure all keys, or those named and keep the others as they are."""
+    known(keys, GOALS, "figure")
     file = REPORTS / "bench.json"
     table = _kept(file) if keys else {}
     for names, measure in MEASURES:

@@ -19,7 +19,7 @@ from dlolib.chain.uncertainty import noise_of
 from dlolib.errors import ChainError
 from dlolib.files import write_json
 from dlolib.params import Chain, load_block
-from stages import REPORTS, run
+from stages import REPORTS, known, run
 from stages.chain_score import Score, score
 from stages.chain_views import CASES, FRAMES, Case, Take, takes
 
@@ -61,6 +61,7 @@ class Row:
 
 def main(*names: str) -> None:
     """Measure all cases, or those named, which then are printed only."""
+    known(names, [case.name for case in CASES], "case")
     settings = replace(ChainSettings(**load_block(Chain).model_dump()), covariance=True)
     rows = []
     for case in CASES:

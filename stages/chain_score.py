@@ -61,7 +61,7 @@ def score(chain: FrameChain, s_m: Floats, axis_m: Floats, visible: np.ndarray, p
         np.linalg.norm(chain.xyz_m - at, axis=1),
         spacing,
         ordered,
-        _covered(chain, near, s_m, axis_m, visible),
+        _covered(chain, near, axis_m, visible),
         int((apart.min(axis=1) > STRAY_M).sum()),
         int(_deep(visible, s_m)[foot].sum()),
         np.sum(white**2, axis=1),
@@ -76,7 +76,7 @@ def _in_places(values: Floats, s_m: Floats, points: int, length_m: float) -> Flo
     return grid
 
 
-def _covered(chain: FrameChain, near: np.ndarray, s_m: Floats, axis_m: Floats, visible: np.ndarray) -> float:
+def _covered(chain: FrameChain, near: np.ndarray, axis_m: Floats, visible: np.ndarray) -> float:
     """Share of the visible axis within 10 mm of the chain, its points joined to their neighbours."""
     joined = [
         np.linspace(a, b, 16)

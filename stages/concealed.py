@@ -16,10 +16,9 @@ from typing import Any
 
 from dlolib.errors import ParameterError
 from dlolib.files import whole_folder, write_json
-from dlolib.proof import book
 from dlolib.proof.score import named
-from stages import DATA, REPORTS, run
-from stages.proof import diagnose
+from stages import REPORTS, run
+from stages.proof import diagnose, made_by, own_folder
 
 COMMAND = "dlo diagnose {recording} --out {out}"
 NEAR = 0.1
@@ -33,11 +32,6 @@ def main(kind: str, data: str) -> None:
         sealed(folders)
     else:
         write_json(REPORTS / "practice.json", made_by("make practice DATA=DIR") | practice(folders))
-
-
-def made_by(command: str) -> dict[str, str]:
-    """What made a result."""
-    return {"command": command, "commit": book.commit(), "version": book.version()}
 
 
 def practice(folders: list[Path]) -> dict[str, Any]:
@@ -97,7 +91,7 @@ def sealed(folders: list[Path]) -> None:
 def _verdict(folder: Path) -> tuple[dict[str, Any], float]:
     """The verdict on a copy in a folder of its own, far from any answer, and the seconds that it took; once
     for each version of what diagnoses."""
-    out = DATA / "proof/concealed" / book.version() / folder.name
+    out = own_folder("concealed") / folder.name
     diagnose([folder], out, COMMAND)
     done = json.loads((out / "done.json").read_text())
     if done["exit_status"] != 0:

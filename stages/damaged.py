@@ -13,38 +13,40 @@ from typing import Any
 
 from dlolib.files import write_json
 from dlolib.progress import track
-from stages import REPORTS
+from stages import REPORTS, number, run
 
 SEED = 5
 
 
-def main(count: str, seed: str = str(SEED)) -> int:
+def main(count: str, seed: str = str(SEED)) -> None:
     sys.path.insert(0, "tests")
     from captures.harmed import draw  # type: ignore[import-not-found]
     from captures.judge import Bench  # type: ignore[import-not-found]
 
+    many, drawn = number(count, "COUNT"), number(seed, "SEED")
     tally: dict[str, Counter[str]] = {}
     faults = []
     with tempfile.TemporaryDirectory() as folder:
         bench = Bench(Path(folder))
-        for case in track(draw(int(count), int(seed)), "damaged recordings", int(count)):
+        for case in track(draw(many, drawn), "damaged recordings", many):
             one = bench.outcome(*case)
             ended = "refused" if one.status == 2 else "as without the damage" if not one.said else "warned"
             tally.setdefault(one.kind, Counter())["fault" if one.fault else ended] += 1
             if one.fault:
                 faults.append(f"{one.kind}: {one.damage}: {one.fault}".replace(folder, "..."))
     every = sum(tally.values(), Counter())
-    result: dict[str, Any] = {"count": int(count), "seed": int(seed), **dict(sorted(every.items()))}
+    result: dict[str, Any] = {"count": many, "seed": drawn, **dict(sorted(every.items()))}
     result |= {
         "by_source": {kind: dict(sorted(tally[kind].items())) for kind in sorted(tally)},
         "faults": faults,
     }
     write_json(REPORTS / "damaged.json", result)
-    for name, number in sorted(every.items()):
-        print(f"{number:6d} {name}")
-    print("\n".join(faults), file=sys.stderr, end="\n" if faults else "")
-    return 1 if faults else 0
+    for name, times in sorted(every.items()):
+        print(f"{times:6d} {name}")
+    if faults:
+        print("\n".join(faults), file=sys.stderr)
+        sys.exit(1)
 
 
 if __name__ == "__main__":
-    sys.exit(main(*sys.argv[1:]))
+    run(main, *sys.argv[1:])

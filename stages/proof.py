@@ -54,7 +54,7 @@ def main(*arguments: str) -> None:
         calibrate(asked.seed)
         return
     if asked.without:
-        write_json(BOOK / "without.json", without(asked.command))
+        write_json(BOOK / "without.json", made_by("make proof-without") | without(asked.command))
         return
     for _ in range(asked.shards):
         shard = unfinished() or begin(asked.size)
@@ -108,7 +108,7 @@ def finish(shard: str, command: str) -> None:
     names = sorted(path.name for path in (RECORDINGS / shard).iterdir())
     tasks = [((RECORDINGS / shard / name,), VERDICTS / shard / name, command) for name in names]
     together(ThreadPoolExecutor(WORKERS), diagnose, tasks, f"diagnosing {shard}")
-    rows = {name: score(_verdict(VERDICTS / shard / name), _answer(shard, name)) for name in names}
+    rows = {name: score(verdict_in(VERDICTS / shard / name), _answer(shard, name)) for name in names}
     book.settle(BOOK, shard, SEALED / shard, sealed["seed"])
     figures = summarise(list(rows.values()))
     write_json(BOOK / f"{shard}.json", {"shard": shard, "summary": figures, "recordings": rows})
@@ -181,14 +181,53 @@ def totals() -> dict[str, Any]:
     return counts | summarise(rows)
 
 
+def made_by(command: str) -> dict[str, str]:
+    """What made a result."""
+    return {"command": command, "commit": book.commit(), "version": book.version()}
+
+
+def own_folder(name: str) -> Path:
+    """Where verdicts of this version lie, which none of another is taken for."""
+    return WORK / name / book.version()
+
+
+def seed_of(folder: Path) -> int:
+    """A secret seed of this folder's own; an interrupted run is taken up again."""
+    kept = folder / "seed.json"
+    if not kept.exists():
+        write_json(kept, {"seed": secrets.randbits(63)})
+    return int(json.loads(kept.read_text())["seed"])
+
+
+def last_shards() -> dict[str, tuple[int, dict[str, Any]]]:
+    """The scored shards of the last version with their revealed seeds and rows; recordings and answers that
+    are not here are made again from the seed.
+
+    Raises:
+        ParameterError: the laboratory has changed since, and makes others.
+    """
+    rows = {row["shard"]: row for row in book.runs(BOOK)}
+    found = {}
+    for shard in totals()["shards"]:
+        seed, size = int(rows[shard]["seed"]), int(rows[shard]["size"])
+        if not (SEALED / shard / "shard.json").exists():
+            write_json(SEALED / shard / "shard.json", {"seed": seed, "size": size})
+            make(seed, draw_names(seed, size), RECORDINGS / shard, SEALED / shard)
+        if book.seal(SEALED / shard) != rows[shard]["answers_sha256"]:
+            mend = f"check out {rows[shard]['commit']}, or remove {SEALED / shard} and {RECORDINGS / shard}"
+            raise ParameterError("the answers are not those that were sealed", file=SEALED / shard, mend=mend)
+        found[shard] = seed, json.loads((BOOK / f"{shard}.json").read_text())["recordings"]
+    return found
+
+
 def without(command: str) -> dict[str, Any]:
     """Diagnose what was found alone once more with that effect taken out of the library."""
     rows = []
-    for shard in totals()["shards"]:
-        scored = json.loads((BOOK / f"{shard}.json").read_text())["recordings"]
-        found = {name: row for name, row in scored.items() if row["detectable"] == row["true"]}
-        alone = {name: row["true"][0] for name, row in found.items() if len(row["true"]) == 1}
-        apart = VERDICTS / f"{shard}_without"
+    for shard, (_, scored) in last_shards().items():
+        found = {name: row for name, row in scored.items() if row["outcome"] in ("right", "tied")}
+        alone = {name: row["true"][0] for name, row in found.items() if row["detectable"] == row["true"]}
+        alone = {name: effect for name, effect in alone.items() if len(scored[name]["true"]) == 1}
+        apart = own_folder("without") / shard
         tasks = [
             ((RECORDINGS / shard / name,), apart / name, f"{command} --without {effect}")
             for name, effect in alone.items()
@@ -196,7 +235,7 @@ def without(command: str) -> dict[str, Any]:
         together(ThreadPoolExecutor(WORKERS), diagnose, tasks, f"diagnosing {shard} without")
         for name, effect in alone.items():
             row = {"shard": shard, "name": name, "effect": effect}
-            rows.append(row | {"owned_up": owns_up(_verdict(apart / name), effect)})
+            rows.append(row | {"owned_up": owns_up(verdict_in(apart / name), effect)})
     return {"owned_up": share(sum(row["owned_up"] for row in rows), len(rows)), "recordings": rows}
 
 
@@ -208,7 +247,8 @@ def calibrate(seed: int) -> None:
     make(seed, names, folder / "recordings", folder / "answers", sizes)
 
 
-def _verdict(folder: Path) -> dict[str, Any] | None:
+def verdict_in(folder: Path) -> dict[str, Any] | None:
+    """What a diagnosis left; None where it failed."""
     path = folder / "verdict.json"
     return json.loads(path.read_text()) if path.exists() else None
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import secrets
 import shutil
 import sys
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
@@ -23,15 +22,23 @@ from dlolib.errors import ChainError
 from dlolib.files import write_json
 from dlolib.formats import write_recording
 from dlolib.lab.camera import Sensor
-from dlolib.proof import book
 from dlolib.proof.answer import make_recording
 from dlolib.proof.draw import draw_case, draw_names
 from dlolib.proof.pictures import write_pictures
 from dlolib.proof.score import score, summarise
 from stages import run
-from stages.proof import BOOK, COMMAND, WORK, WORKERS, diagnose, together
+from stages.proof import (
+    BOOK,
+    COMMAND,
+    WORKERS,
+    diagnose,
+    made_by,
+    own_folder,
+    seed_of,
+    together,
+    verdict_in,
+)
 
-FOLDER = WORK / "images"
 CHAIN = replace(ChainSettings(), covariance=True)
 
 
@@ -42,35 +49,31 @@ def main(*arguments: str) -> None:
     )
     options.add_argument("--command", default=COMMAND, help="what diagnoses, as in stages.proof")
     asked = options.parse_args(arguments)
-    seed = _seed()
+    # what is drawn depends on the count
+    folder = own_folder("images") / str(asked.count)
+    seed = seed_of(folder)
     drawn = list(enumerate(draw_names(seed, asked.count)))
-    together(ProcessPoolExecutor(WORKERS), seen, [(seed, *one) for one in drawn], "laboratory and chain")
+    together(
+        ProcessPoolExecutor(WORKERS), seen, [(folder, seed, *one) for one in drawn], "laboratory and chain"
+    )
     names = [f"{index:03d}" for index, _ in drawn]
-    tasks = [((FOLDER / "chains" / name,), FOLDER / "verdicts" / name, asked.command) for name in names]
+    tasks = [((folder / "chains" / name,), folder / "verdicts" / name, asked.command) for name in names]
     tasks = [task for task in tasks if task[0][0].exists()]
     together(ThreadPoolExecutor(WORKERS), diagnose, tasks, "diagnosing")
-    rows = {name: score(_json(FOLDER / "verdicts" / name / "verdict.json"), _answer(name)) for name in names}
-    made = {"command": "make proof-images", "commit": book.commit(), "version": book.version(), "seed": seed}
-    write_json(BOOK / "images.json", {**made, "summary": summarise(list(rows.values())), "recordings": rows})
+    rows = {name: score(verdict_in(folder / "verdicts" / name), _answer(folder, name)) for name in names}
+    made = made_by("make proof-images") | {"seed": seed, "summary": summarise(list(rows.values()))}
+    write_json(BOOK / "images.json", made | {"recordings": rows})
 
 
-def _seed() -> int:
-    """Of this run; an interrupted one is taken up again."""
-    kept = FOLDER / "seed.json"
-    if not kept.exists():
-        write_json(kept, {"seed": secrets.randbits(63)})
-    return int(json.loads(kept.read_text())["seed"])
-
-
-def seen(seed: int, index: int, names: tuple[str, ...]) -> None:
+def seen(folder: Path, seed: int, index: int, names: tuple[str, ...]) -> None:
     """Draw a case, photograph it, and leave what the chain makes of the pictures."""
     name = f"{index:03d}"
-    chain = FOLDER / "chains" / name
+    chain = folder / "chains" / name
     if chain.exists():
         return
-    make_recording(seed, index, names, name, FOLDER / "points", FOLDER / "answers")
-    case = draw_case(seed, index, names, attempt=_answer(name)["attempt"])
-    capture = FOLDER / "captures" / name
+    make_recording(seed, index, names, name, folder / "points", folder / "answers")
+    case = draw_case(seed, index, names, attempt=_answer(folder, name)["attempt"])
+    capture = folder / "captures" / name
     shutil.rmtree(capture, ignore_errors=True)
     write_pictures(case, name, capture, Sensor(seed=index))
     try:
@@ -81,12 +84,8 @@ def seen(seed: int, index: int, names: tuple[str, ...]) -> None:
     shutil.rmtree(capture)
 
 
-def _answer(name: str) -> dict[str, Any]:
-    return dict(json.loads((FOLDER / "answers" / f"{name}.json").read_text()))
-
-
-def _json(path: Path) -> dict[str, Any] | None:
-    return json.loads(path.read_text()) if path.exists() else None
+def _answer(folder: Path, name: str) -> dict[str, Any]:
+    return dict(json.loads((folder / "answers" / f"{name}.json").read_text()))
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
 """Does the next motion tell a tie apart? `make proof-next`: that of every tie of the scored shards.
 
 The laboratory goes on from where the recording ended, the motion that its verdict asks for is played, and
-both recordings are diagnosed together. Goal: 80 % end in the true set alone.
+both recordings are diagnosed together. Goal: 80 % end in the true set alone. Ties that ask for no motion, or
+for one that the laboratory cannot play, are counted apart.
 """
 
 from __future__ import annotations
@@ -19,7 +20,6 @@ from dlolib.errors import SimulationError
 from dlolib.files import write_json
 from dlolib.formats import write_recording
 from dlolib.formats.motion import read_motion
-from dlolib.proof import book
 from dlolib.proof.draw import Case, draw_case
 from dlolib.proof.noise import draw_noise
 from dlolib.proof.play import play
@@ -27,9 +27,19 @@ from dlolib.proof.score import named, outcome, share
 from dlolib.proof.write import recording
 from dlolib.types import Floats, Motion, Recording
 from stages import run
-from stages.proof import BOOK, COMMAND, RECORDINGS, SEALED, WORK, WORKERS, diagnose, totals
+from stages.proof import (
+    BOOK,
+    COMMAND,
+    RECORDINGS,
+    SEALED,
+    WORKERS,
+    diagnose,
+    last_shards,
+    made_by,
+    own_folder,
+    verdict_in,
+)
 
-FOLDER = WORK / "next"
 FRAMES, SEED = 60, 3
 PARTS = ("start_m", "start_q", "end_m", "end_q")
 
@@ -38,38 +48,42 @@ def main(*arguments: str) -> None:
     options = argparse.ArgumentParser(prog="python -m stages.proof_next", description=__doc__)
     options.add_argument("--command", default=COMMAND, help="what diagnoses, as in stages.proof")
     command = options.parse_args(arguments).command
-    seeds = {row["shard"]: int(row["seed"]) for row in book.runs(BOOK) if row["seed"]}
-    tied = []
-    for shard in totals()["shards"]:
-        rows = json.loads((BOOK / f"{shard}.json").read_text())["recordings"]
-        tied += [(seeds[shard], shard, name) for name, row in rows.items() if row["outcome"] == "tied"]
+    tied = [
+        (seed, shard, name)
+        for shard, (seed, rows) in last_shards().items()
+        for name, row in rows.items()
+        if row["outcome"] == "tied"
+    ]
     with ThreadPoolExecutor(WORKERS) as pool:
         jobs = [pool.submit(told_apart, *one, command) for one in tied]
-        found = [row for job in jobs if (row := job.result())]
-    right = share(sum(row["outcome"] == "right" for row in found), len(found))
-    made = {"command": "make proof-next", "commit": book.commit(), "version": book.version()}
-    write_json(BOOK / "next.json", {**made, "goal": 0.8, "told_apart": right, "recordings": found})
+        found = [job.result() for job in jobs]
+    played = [row for row in found if row["outcome"] is not None]
+    right = share(sum(row["outcome"] == "right" for row in played), len(played))
+    made = made_by("make proof-next") | {"goal": 0.8, "ties": len(found)}
+    write_json(BOOK / "next.json", made | {"told_apart": right, "recordings": found})
 
 
 def told_apart(seed: int, shard: str, name: str, command: str) -> dict[str, Any]:
-    """One row: what the tie was, which motion was asked for, and what both recordings say."""
-    first, folder = RECORDINGS / shard / name, FOLDER / shard / name
+    """One row: what the tie was, which motion was asked for, and what both recordings say; no outcome where
+    none was played."""
+    first, folder = RECORDINGS / shard / name, own_folder("next") / shard / name
     diagnose([first], folder / "first", command)
-    verdict = json.loads((folder / "first/verdict.json").read_text())
+    verdict = verdict_in(folder / "first")
     answer = json.loads((SEALED / shard / f"{name}.json").read_text())
-    row = {"shard": shard, "name": name, "true": answer["effects"], "tie": verdict["equivalent"]}
-    if verdict["next_motion"] is None:
-        return row | {"outcome": "no motion was asked for"}
+    row = {"shard": shard, "name": name, "true": answer["effects"], "outcome": None}
+    if verdict is None or verdict["next_motion"] is None:
+        return row | {"why": "no motion was asked for"}
+    row |= {"tie": verdict["equivalent"], "why": verdict["next_motion"]["why"]}
     case = draw_case(seed, int(name), tuple(answer["effects"]), attempt=answer["attempt"])
     second = folder / f"{name}_next"
     try:
         motion = read_motion(folder / "first/next_motion.csv")
         write_recording(played_on(case, motion, second.name, np.random.default_rng([seed, SEED])), second)
     except SimulationError as error:
-        return row | {"outcome": f"not played: {error.problem}"}
+        return row | {"not_played": error.problem}
     diagnose([first, second], folder / "both", command)
-    both = json.loads((folder / "both/verdict.json").read_text())
-    said = {"why": verdict["next_motion"]["why"], "status": both["status"], "named": named(both)}
+    both = verdict_in(folder / "both")
+    said = {} if both is None else {"status": both["status"], "named": named(both)}
     return row | said | {"outcome": outcome(both, answer)}
 
 

@@ -31,7 +31,7 @@ from dlolib.sim.scene import Scene
 from dlolib.sim.simulate import Clock, Path, State, roll_out
 from dlolib.sim.start import first_shape, released, settle
 from dlolib.types import EndKind, Ends, Floats, Obstacle, Pose, Rope
-from stages import REPORTS, run
+from stages import REPORTS, number, run
 
 SEED = 20240501
 STEPS = 60
@@ -303,4 +303,4 @@ def _reason(error: DloError) -> str:
 
 
 if __name__ == "__main__":
-    run(lambda: main(int(sys.argv[1])))
+    run(lambda: main(number(sys.argv[1], "COUNT")))

@@ -19,17 +19,17 @@ from dlolib.diagnose import Diagnosis, diagnose
 from dlolib.files import write_json
 from dlolib.formats import read_recording
 from dlolib.identify.problem import axes
-from dlolib.proof import book
 from dlolib.types import Estimate, Floats, Points, Recording
 from stages import REPORTS, run
 from stages.diagnose import settings
+from stages.proof import made_by
 
 SWEEPS = ("pac_black_weighted_sweep_cw", "pac_black_weighted_sweep_acw")
 SETTLED = ("pac_black_weighted_settled", "pac_black_weighted_settled_0714")
 
 
 def main(data: str) -> None:
-    sweeps, settled = ([read_recording(Path(data) / name) for name in names] for names in (SWEEPS, SETTLED))
+    sweeps, settled = ([_whole(Path(data) / name) for name in names] for names in (SWEEPS, SETTLED))
     cases = {
         "sweeps, whole": sweeps,
         "sweeps, the second half of the second foretold": [sweeps[0], halved(sweeps[1])],
@@ -43,8 +43,13 @@ def main(data: str) -> None:
             print(f"  {name}: tip {1e3 * tip['elastic']:.1f} -> {1e3 * tip['model']:.1f} mm")
         if row["foretold_tip_rmse_m"] is not None:
             print(f"  foretold: tip {1e3 * row['foretold_tip_rmse_m']:.1f} mm")
-    made = {"command": "make sweeps DATA=DIR", "commit": book.commit(), "version": book.version()}
-    write_json(REPORTS / "sweeps.json", made | {"cases": found})
+        # after each, so that nothing is lost where the next is stopped
+        write_json(REPORTS / "sweeps.json", made_by("make sweeps DATA=DIR") | {"cases": found})
+
+
+def _whole(folder: Path) -> Recording:
+    """With no frame held out."""
+    return replace(read_recording(folder), heldout_frames=None)
 
 
 def halved(recording: Recording) -> Recording:

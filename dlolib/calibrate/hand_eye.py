@@ -82,7 +82,7 @@ def calibrate_hand_eye(folder: Path) -> HandEye:
     frames, unseen = _found(shots, board, read_tool_poses(poses_csv), poses_csv)
     _check_turns(frames, poses_csv)
     camera, held = _closed_form(frames)
-    _check_arrangement(frames, camera, held, poses_csv)
+    _check_arrangement(frames, camera, poses_csv)
     camera, held, sd_m, sd_rad = _refined(frames, camera, held, board, shots.matrix)
     apart_m, apart_rad = _apart(frames, camera, held, board)
     if np.sqrt(np.mean(apart_m**2)) > WORST_M or np.sqrt(np.mean(apart_rad**2)) > WORST_RAD:
@@ -183,7 +183,7 @@ def _scatter_m(poses: Floats) -> float:
     return float(np.sqrt(np.mean(np.sum((poses[:, :3, 3] - poses[:, :3, 3].mean(axis=0)) ** 2, axis=1))))
 
 
-def _check_arrangement(frames: _Frames, camera: Floats, held: Floats, path: Path) -> None:
+def _check_arrangement(frames: _Frames, camera: Floats, path: Path) -> None:
     """Refuse a camera that rides on the tool before a board that stands still."""
     on_tool = _hand_eye(frames.tool, frames.board)
     riding = _scatter_m(frames.tool @ on_tool @ frames.board)

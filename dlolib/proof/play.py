@@ -27,7 +27,6 @@ STRIDE, FINE_STRIDES = 4, {"inertia_drag": 1, "contact_friction": 2}
 # A step takes 3 to 5 weighings of the balance; a rope that takes many more is no quasi-static one.
 PATIENCE = 12
 VIEWING_AXIS = np.array([0.0, 1.0, 0.0])
-SAME_S = 1e-9
 
 
 def play(experiment: Experiment, effects: Effects = NOTHING, bodies: int = BODIES, finer: int = 1) -> Floats:

@@ -154,7 +154,8 @@ def _share_of(rows: Sequence[Mapping[str, Any]], key: str) -> dict[str, Any]:
 
 def _everywhere(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """The first shares where the held-out frames, which no diagnosis fits, count for what is detectable."""
-    ends = [row["everywhere"]["outcome"] for row in rows if row["everywhere"]["detectable"]]
+    both = [row["everywhere"] for row in rows if "everywhere" in row]  # rows of earlier versions lack it
+    ends = [one["outcome"] for one in both if one["detectable"]]
     return {
         "right_or_tied": share(ends.count("right") + ends.count("tied"), len(ends)),
         "confidently_wrong": share(ends.count("wrong") + ends.count("missed"), len(ends)),

@@ -44,11 +44,6 @@ FOUND: Mapping[str, float] = MappingProxyType(
         "camera_pose": 0.00085,
     }
 )
-# Sizes that are given by missing-physics.md and taken as they are, whatever they gain in this laboratory.
-GIVEN = (
-    "rest_curvature", "internal_friction", "viscoelastic_bending", "stiffness_profile", "mass_profile",
-    "end_angle", "lateral_load",
-)  # fmt: skip
 NAMES = tuple(sorted(FOUND))
 # A share of the lumps is a gradient instead, of the same gain: 0.06 of the density beside 0.3 g.
 GRADIENT_SHARE, GRADIENT_PER_KG = 0.3, 200.0

@@ -214,7 +214,7 @@ def test_the_proof_shows_every_share_and_every_confusion(content: dict) -> None:
     words, shares, figure, confusion, practice = section["blocks"]
     assert "5 recordings" in words["text"] and "1 of 2 shards" in words["text"]
     counts = {row[0]: row[1:3] for row in shares["rows"]}
-    assert counts["right, or tied with at most two others"] == ["2 of 3 recordings", "66.7"]
+    assert counts["right, or among the best three of a tie"] == ["2 of 3 recordings", "66.7"]
     assert counts["nothing missing, and yet an alarm"] == ["1 of 2 recordings", "50.0"]
     assert counts["95 % intervals that hold the truth"] == ["1 of 1 intervals", "100.0"]
     assert counts["planted at the size that `detectable` names, and found"] == ["9 of 10 recordings", "90.0"]

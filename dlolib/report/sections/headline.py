@@ -45,7 +45,7 @@ def _summary(results: Results) -> str:
         results_of = [results.json("learn", name, "result.json") or {} for name in learned]
         free = sum(clear(result) for result in results_of)
         texts.append(
-            f"With that stiffness, a motion was learned for {len(learned)} layouts of obstacles; "
+            f"A motion was learned for {len(learned)} layouts of obstacles; "
             f"{'all' if free == len(learned) else free} of them keep clear of the obstacles in the rod's "
             "simulation."
         )
