@@ -81,11 +81,11 @@ def compare(
 
 
 def flattened(content: Any, name: str) -> Iterator[tuple[str, float | None]]:
-    """`{"a": {"b": 1}}` of chain.json as ("chain.a.b", 1.0); texts and truth values are no figures."""
+    """`{"a": {"b": 1}}` of chain.json as ("chain.a.b", 1.0); true is 1, and texts are no figures."""
     if isinstance(content, Mapping):
         for key, value in content.items():
             yield from flattened(value, f"{name}.{key}")
-    elif content is None or (isinstance(content, int | float) and not isinstance(content, bool)):
+    elif content is None or isinstance(content, int | float):
         yield name, None if content is None else float(content)
 
 

@@ -14,7 +14,12 @@ TOLERANCES = {"chain.rms_m": {"absolute": 1e-5}, "learn_*.loss": {"relative": 0.
 
 def test_flattened() -> None:
     content = {"a": {"b": 1, "c": None}, "done": True, "why": "text", "d": 2.5}
-    assert dict(flattened(content, "chain")) == {"chain.a.b": 1.0, "chain.a.c": None, "chain.d": 2.5}
+    assert dict(flattened(content, "chain")) == {
+        "chain.a.b": 1.0,
+        "chain.a.c": None,
+        "chain.done": 1.0,
+        "chain.d": 2.5,
+    }
 
 
 @pytest.mark.parametrize(
