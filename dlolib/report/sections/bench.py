@@ -39,11 +39,12 @@ def section(results: Results, figures: Path) -> Section:
     if found is None:
         missing = Missing("Nothing was measured beside the peers: `make bench` does it, in some minutes.")
         return Section("bench", TITLE, (missing,))
+    absent = [name for key, name in NAMES.items() if key not in found]
     words = Paragraph(
         "The rod beside MuJoCo's one-dimensional flex, PyElastica and others, each on the same rope and arc "
         "and only after it came as near to the exact elastica as it must; timed in turn, the best of several "
-        f"runs, on the machine that ran `make bench`. {_met(found)} of {len(found)} goals are met; "
-        "a miss stays in the table."
+        f"runs, on the machine that ran `make bench`. {_met(found)} of {len(NAMES)} goals are met; "
+        "a miss stays in the table." + (f" Not measured yet: {'; '.join(absent)}." if absent else "")
     )
     return Section("bench", TITLE, (words, _figure(found, figures), _table(found)))
 
