@@ -64,13 +64,18 @@ def test_a_shard_is_noted_then_diagnosed_then_revealed(command: str) -> None:
     assert written["recordings"].keys() == {"000", "001"}
 
 
-def test_an_interrupted_shard_stays_in_the_book_and_is_taken_up_again(
-    command: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def interrupted(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A shard of one recording whose diagnosis broke off."""
     with monkeypatch.context() as broken:
         broken.setattr(proof, "diagnose", lambda *_: 1 / 0)
         with pytest.raises(ZeroDivisionError):
             proof.main("--size", "1", "--command", command)
+
+
+def test_an_interrupted_shard_stays_in_the_book_and_is_taken_up_again(
+    command: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    interrupted(command, monkeypatch)
     (row,) = rows()
     assert (row["state"], row["seed"]) == ("diagnosing", "")
     proof.main("--size", "1", "--command", command)
@@ -90,10 +95,7 @@ class Later(datetime):
 def test_a_shard_that_another_version_began_to_diagnose_is_aborted(
     command: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with monkeypatch.context() as broken:
-        broken.setattr(proof, "diagnose", lambda *_: 1 / 0)
-        with pytest.raises(ZeroDivisionError):
-            proof.main("--size", "1", "--command", command)
+    interrupted(command, monkeypatch)
     monkeypatch.setattr(book, "version", lambda: "another")
     monkeypatch.setattr(proof, "datetime", Later)
     proof.main("--size", "1", "--command", command)
