@@ -14,7 +14,7 @@ from dlolib.diagnose.fitting import Fitted
 from dlolib.diagnose.heldout import black_box, foretell, refuted
 from dlolib.diagnose.locate import Reversal, reversal, scan
 from dlolib.diagnose.noise import Whitener, grid_of, known_noise, noise_left
-from dlolib.diagnose.nuisances import before, between
+from dlolib.diagnose.nuisances import before, between, lasting
 from dlolib.diagnose.search import Searched, baseline, search, searched_again
 from dlolib.diagnose.study import Bools, DiagnoseSettings, Seen, Study, acting_only, seen_as
 from dlolib.diagnose.verdict import Found, simulated, verdict_of
@@ -145,7 +145,8 @@ def raw_study(recordings: Sequence[Recording], settings: DiagnoseSettings) -> St
     kept = [_kept_points(one, settings.most_frames) for one in recordings]
     ahead = {k: seen(one, ~mine & kept[k]) for k, (one, mine) in enumerate(both) if not mine.all()}
     fitted = tuple(seen(one, mine & kept[k]) for k, (one, mine) in enumerate(both))
-    return Study(fitted, between(recordings), before(recordings), ahead=ahead)
+    own = {**lasting(recordings), **between(recordings)}
+    return Study(fitted, own, before(recordings), ahead=ahead)
 
 
 def _told_by(study: Study, model: Fitted, known: Known) -> Told:

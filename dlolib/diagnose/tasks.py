@@ -82,17 +82,18 @@ def coordinates(unknowns: Sequence[Unknown], start: Point) -> Floats:
     return np.array([u.inward(start[u] if u in start else parameter(u.name).neutral) for u in unknowns])
 
 
-def _ranked(study: Study, task: Task) -> list[tuple[float, Floats]]:
-    """What a linear step from each start promises, the best first."""
-    model = hypothesis(study, task.terms, task.offsets_m)
-    ranked = []
+def _ranked(study: Study, task: Task) -> list[tuple[float, Floats, Hypothesis]]:
+    """What a linear step from each start promises, the start, and the model as simulated there, the best
+    first."""
+    ranked: list[tuple[float, Floats, Hypothesis]] = []
     for start in task.starts:
+        model, again = (hypothesis(study, task.terms, task.offsets_m) for _ in range(2))
         theta = coordinates(model.unknowns, start)
         with contextlib.suppress(SimulationError):
-            ranked.append((promise(model, theta), theta))
+            ranked.append((promise(model, theta), theta, model))
             woken = awake(model, theta)
             if woken is not None:
-                ranked.append((promise(model, woken), woken))
+                ranked.append((promise(again, woken), woken, again))
     return sorted(ranked, key=lambda one: one[0])
 
 
@@ -111,12 +112,11 @@ def fit_first(study: Study, task: Task) -> Fitted | None:
     ranked = _ranked(study, task)
     rough: list[tuple[Fitted, Hypothesis]] = []
     margin = AHEAD
-    for tried, (_, theta) in enumerate(ranked[: 2 * task.best]):
+    for tried, (_, theta, model) in enumerate(ranked[: 2 * task.best]):
         if tried >= task.best:
             if _least(rough) < ranked[0][0] + AHEAD:
                 break
             margin = np.inf
-        model = hypothesis(study, task.terms, task.offsets_m)
         with contextlib.suppress(SimulationError):
             rough.append((fit(model, theta, ROUGH, FIRST_TOLERANCE), model))
     ahead = [(one, model) for one, model in rough if one.chi2 < _least(rough) + margin]

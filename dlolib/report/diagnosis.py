@@ -105,12 +105,13 @@ def scan_figure(scan: pd.DataFrame, recording: str) -> Canvas:
 
 
 def models_figure(verdict: Verdict) -> Canvas:
-    """The best models: how much worse each is by BIC, and what each foretells of the held-out motion."""
+    """The best models: how much worse each is by BIC, and what each foretells of held-out motion, if any."""
     some = [one for one in verdict.candidates if one.kind != "wrong_same_size"][:SHOWN_MODELS]
     rest = [one for one in verdict.candidates if one.kind == "black_box" or not one.effects]
     models = some + [one for one in rest if one not in some]
     figure = canvas(16 + 5 * len(models))
-    left, right = figure.subplots(1, 2, sharey=True)
+    ahead = [(k, one) for k, one in enumerate(models) if one.heldout_delta_chi2 is not None]
+    left, *others = figure.subplots(1, 2 if ahead else 1, sharey=True, squeeze=False)[0]
     places = np.arange(len(models))
     said = [set(names) for names in verdict.equivalent] or [{effect.name for effect in verdict.effects}]
     silent = verdict.status == "unexplained" and not verdict.effects
@@ -120,14 +121,14 @@ def models_figure(verdict: Verdict) -> Canvas:
     left.set(xlabel="BIC over the best model's", xscale="log", xlim=(0.1, None))
     left.set_yticks(places, [_name(one) for one in models])
     left.invert_yaxis()
-    ahead = [(k, one) for k, one in enumerate(models) if one.heldout_delta_chi2 is not None]
-    right.errorbar(
-        [one.heldout_delta_chi2 for _, one in ahead], [k for k, _ in ahead],
-        xerr=[2 * (one.heldout_delta_chi2_se or 0.0) for _, one in ahead], fmt="o", color=OBSERVED,
-        markersize=3, linewidth=0.9,
-    )  # fmt: skip
-    right.axvline(0, color="#9AA0A6", linewidth=0.6)
-    right.set(xlabel="held-out change in χ² (± 2 standard errors)")
+    for right in others:
+        right.errorbar(
+            [one.heldout_delta_chi2 for _, one in ahead], [k for k, _ in ahead],
+            xerr=[2 * (one.heldout_delta_chi2_se or 0.0) for _, one in ahead], fmt="o", color=OBSERVED,
+            markersize=3, linewidth=0.9,
+        )  # fmt: skip
+        right.axvline(0, color="#9AA0A6", linewidth=0.6)
+        right.set(xlabel="held-out change in χ² (± 2 standard errors)")
     return figure
 
 

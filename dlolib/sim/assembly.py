@@ -99,6 +99,19 @@ def sample(x: ti.template(), b: int, t: int, p: int, j: int) -> vec3:
 
 
 @ti.func
+def out_of_reach(
+    b: int, t: int, p: int, x: ti.template(), steps: ti.template(), segments: ti.template(),
+    contacts: ti.template(), obstacles: ti.template(),
+) -> bool:  # fmt: skip
+    """Whether no obstacle is near the segment that follows particle p."""
+    far = False
+    if p + 1 < x.shape[2]:
+        span = contacts[b, SAMPLES * p + SAMPLES // 2, 1] + 0.6 * segments[b, p, 0] * steps[b, t, 1]
+        far = not within(sample(x, b, t, p, SAMPLES // 2), span, obstacles, b)
+    return far
+
+
+@ti.func
 def kept(sliding: ti.template(), b: int, t: int, k: int, forced: int) -> int:
     """Whether contact k slid in the step to index t, or -1 where it is free to choose."""
     branch = -1
@@ -133,8 +146,9 @@ def assemble(
     slip: ti.template(), sliding: ti.template(), end_q: ti.template(), steps: ti.template(),
     joints: ti.template(), segments: ti.template(), particles: ti.template(), contacts: ti.template(),
     obstacles: ti.template(), grips: ti.template(), clamped: ti.template(), moving: int, momentum: float,
-    fresh: int, symmetric: int, forced: int, lagged: int, limits: ti.template(), upper: ti.template(),
-    lower: ti.template(), y: ti.template(), hessian: ti.template(), plain: ti.template(),
+    fresh: int, symmetric: int, forced: int, lagged: int, limits: ti.template(), mixed: int,
+    expected: ti.template(), upper: ti.template(), lower: ti.template(), y: ti.template(),
+    hessian: ti.template(), plain: ti.template(),
 ) -> float:  # fmt: skip
     """Write the Hessian of the step to index t of rope b into slot m, minus its gradient into y[m, 0].
 
@@ -142,9 +156,10 @@ def assemble(
     that of the energy returned: elastic, contact and load energies, the work of the laws, and with `moving`
     m |x - free flight|^2 / (2 dt^2) and drag |x - x_before|^2 / (2 dt). `first` are the positions one step
     before index 0. With `forced` laws and contacts take the branches noted at index t. With `lagged` contacts
-    slide at the `limits` and along the surfaces noted, wherever they are. With `fresh` the laws see the rope
-    come from being straight or as it once was, at once. Two choices of compile time: without `hessian` upper
-    and lower are left; a `plain` rope has neither laws nor obstacles, and is symmetric.
+    slide at the `limits` and along the surfaces noted, wherever they are. With `mixed` the Hessian is that
+    under the segments' `expected` forces. With `fresh` the laws see the rope come from being straight or as
+    it once was, at once. Two choices of compile time: without `hessian` upper and lower are left; a `plain`
+    rope has neither laws nor obstacles, and is symmetric.
     """
     n = particles.shape[1]
     dt = steps[b, t, 0] * (1 - fresh)
@@ -177,7 +192,7 @@ def assemble(
                 s = i - 1
                 e, gd, gs, dd, dtheta, st = stretch_shear(
                     x[b, t, s + 1] - x[b, t, s], q[b, t, i], segments[b, s, 0] * steps[b, t, 1],
-                    vec3(segments[b, s, 1], segments[b, s, 2], segments[b, s, 3]),
+                    vec3(segments[b, s, 1], segments[b, s, 2], segments[b, s, 3]), mixed, expected[b, s],
                 )  # fmt: skip
                 energy += e
                 gx -= gd
@@ -208,18 +223,17 @@ def assemble(
             if ti.static(not plain):
                 # a smooth rope whose segment is out of reach has nothing to look for
                 reach = SAMPLES if p + 1 < n else 1
-                if symmetric == 1 and p + 1 < n:
-                    k = SAMPLES * p + SAMPLES // 2
-                    span = 0.6 * segments[b, p, 0] * steps[b, t, 1]
-                    if not within(sample(x, b, t, p, SAMPLES // 2), contacts[b, k, 1] + span, obstacles, b):
-                        reach = 0
+                if obstacles.shape[1] == 0 or (
+                    symmetric == 1 and out_of_reach(b, t, p, x, steps, segments, contacts, obstacles)
+                ):
+                    reach = 0
                 for j in range(reach):
                     k = SAMPLES * p + j
                     there = j / float(SAMPLES)
                     here = 1.0 - there
                     point = sample(x, b, t, p, j)
                     e, g, h = push(point, contacts[b, k, 1], contacts[b, k, 0], obstacles, b)
-                    if symmetric == 0 and fresh == 0:
+                    if slip.shape[2] > 1 and fresh == 0:
                         ef, hold, stretch, by_p, _by_past, _k = friction(
                             point, sample(x, b, t - 1, p, j), slip[b, t - 1, k], contacts[b, k, 1],
                             contacts[b, k, 0], obstacles, b, kept(sliding, b, t, k, forced),
@@ -293,7 +307,7 @@ def advance(
             before = bent_before(joints, q, b, t, i, before_l, fresh)
             remember(joints, past, b, t - 1, i, kappa, before, dt, forced, out_past, m, u)
         for j in range(SAMPLES):
-            if symmetric == 0 and (j == 0 or i + 1 < n):
+            if slip.shape[2] > 1 and (j == 0 or i + 1 < n):
                 k = SAMPLES * i + j
                 stretch = vec3(0.0)
                 if fresh == 0:

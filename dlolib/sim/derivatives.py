@@ -175,7 +175,7 @@ def sensitivities(
                         for k in ti.static(range(3)):
                             y[b, c, 6 * i + 3 + k] -= ga[k]
                             y[b, c, 6 * i + 9 + k] -= gb[k]
-                if symmetric == 0 and fresh == 0:
+                if d_slip.shape[2] > 1 and fresh == 0:
                     for p in range(n):
                         for j in range(SAMPLES):
                             k = SAMPLES * p + j
@@ -216,7 +216,7 @@ def sensitivities(
                             h += block2(bends, m, i, k, 2) @ bent_now + block2(bends, m, i, k, 3) @ bent
                             for j in ti.static(range(2)):
                                 d_past[b, c, i, 3 * k + j] = h[j] + by_past[m, c, i, 3 * k + j]
-                if symmetric == 0 and fresh == 0:
+                if d_slip.shape[2] > 1 and fresh == 0:
                     for p in range(n):
                         for j in range(SAMPLES):
                             if j == 0 or p + 1 < n:
@@ -307,7 +307,7 @@ def adjoint(
                     for k in ti.static(range(3)):
                         y[b, 0, 6 * i + 3 + k] += ga[k]
                         y[b, 0, 6 * i + 9 + k] += gb[k]
-            if symmetric == 0 and fresh == 0:
+            if d_slip.shape[1] > 1 and fresh == 0:
                 for p in range(n):
                     for j in range(SAMPLES):
                         if j == 0 or p + 1 < n:
@@ -386,7 +386,7 @@ def adjoint(
                         ga, gb = moment_to_rotations(q[b, t - 1, i], q[b, t - 1, i + 1], bent / before_l)
                         turn[b, i] += ga
                         turn[b, i + 1] += gb
-            if symmetric == 0 and fresh == 0:
+            if d_slip.shape[1] > 1 and fresh == 0:
                 for p in range(n):
                     for j in range(SAMPLES):
                         if j == 0 or p + 1 < n:

@@ -12,7 +12,7 @@ from dlolib.sim import derivatives, linearise
 from dlolib.sim.band import HALF
 from dlolib.sim.effects import LAWS
 from dlolib.sim.joints import HISTORY
-from dlolib.sim.scene import Scene, contact_points
+from dlolib.sim.scene import Scene
 from dlolib.sim.simulate import Path, Rollout, banded, columns, refuse, steps_of
 from dlolib.types import Floats
 
@@ -95,7 +95,7 @@ def gradient(
     ropes, indices, n = rollout.x.shape[:3]
     d_x = np.array(d_x, dtype=float, order="C")
     turn, past = np.zeros((ropes, n + 1, 3)), np.zeros((ropes, n, HISTORY))
-    slip, first = np.zeros((ropes, contact_points(n), 3)), np.zeros((ropes, n, 3))
+    slip, first = np.zeros((ropes, rollout.scene.slips, 3)), np.zeros((ropes, n, 3))
     if final is not None:
         d_x[:, -1] += final.x
         # the state before the last one is the last position but one
@@ -130,7 +130,7 @@ def sensitivities(
     slot = np.full(indices - 1, -1, np.int32)
     slot[np.asarray(steps) - 1] = np.arange(len(steps))
     out = np.zeros((ropes, len(steps), count, n, 3))
-    begin = initial or zero_tangent(ropes, count, n)
+    begin = initial or zero_tangent(rollout.scene, count)
     x, before, turn, past, slip = (
         np.array(part, order="C") for part in (begin.x, begin.before, begin.turn, begin.past, begin.slip)
     )
@@ -145,11 +145,12 @@ def sensitivities(
     return out, Tangent(x, before, turn, past, slip)
 
 
-def zero_tangent(ropes: int, count: int, n: int) -> Tangent:
-    """Of a state that depends on none of the parameters."""
+def zero_tangent(scene: Scene, count: int) -> Tangent:
+    """Of a state that depends on none of so many parameters."""
+    ropes, n = scene.particles.shape[:2]
     place = np.zeros((ropes, count, n, 3))
     turn, past = np.zeros((ropes, count, n + 1, 3)), np.zeros((ropes, count, n, HISTORY))
-    return Tangent(place, place.copy(), turn, past, np.zeros((ropes, count, contact_points(n), 3)))
+    return Tangent(place, place.copy(), turn, past, np.zeros((ropes, count, scene.slips, 3)))
 
 
 def _explicit(rollout: Rollout, variations: Sequence[Variation]) -> tuple[Floats, Floats, Floats, Floats]:
@@ -158,7 +159,7 @@ def _explicit(rollout: Rollout, variations: Sequence[Variation]) -> tuple[Floats
     states = ropes * (indices - 1)
     count = len(variations)
     force, held = np.zeros((states, count, 6 * (n + 1))), np.zeros((ropes, indices - 1, count, 2, 6))
-    past, slip = np.zeros((states, count, n, HISTORY)), np.zeros((states, count, contact_points(n), 3))
+    past, slip = np.zeros((states, count, n, HISTORY)), np.zeros((states, count, rollout.scene.slips, 3))
     for first in range(0, count, TOGETHER):
         some = variations[first : first + TOGETHER]
         sides = _forces(rollout, [case for one in some for case in (one.ahead, one.behind)])
@@ -180,7 +181,7 @@ def _forces(rollout: Rollout, cases: Sequence[Case]) -> tuple[Floats, Floats, Fl
     count = len(cases)
     y = np.zeros((count * states, 1, 6 * (n + 1)))
     past = np.zeros((count * states, 1, n, HISTORY))
-    slip = np.zeros((count * states, 1, contact_points(n), 3))
+    slip = np.zeros((count * states, 1, rollout.scene.slips, 3))
 
     def each(values: Any) -> Any:
         return np.tile(values, (count,) + (1,) * (values.ndim - 1))
@@ -212,7 +213,8 @@ def _linearised(rollout: Rollout) -> tuple[list[Floats], list[Floats]]:
     # room for what acts alone: untouched memory costs as much as a step
     laws = rollout.scene.has_laws
     bends = np.zeros((states, n, len(LAWS), 20) if laws else (1, 1, 1, 1))
-    rubs = np.zeros((1, 1, 1) if rollout.scene.symmetric else (states, contact_points(n), 19))
+    slips = rollout.scene.slips
+    rubs = np.zeros((states, slips, 19) if slips > 1 else (1, 1, 1))
     memory = [bends, rubs]
     status = np.zeros(states, np.int32)
     linearise.linearise(

@@ -2,6 +2,12 @@
 
 XPBD's multipliers (3), solved together instead of one by one, are a Newton step of the implicit Euler
 energy; iterated until it stands still, the shape depends on no iteration count.
+
+A segment hardly stretches: a step that turns it a little, and thereby stretches it by the square of that,
+changes the force in it by far too much, and the Hessian with it. So these forces first are unknowns of their
+own (mixed integration points: Magisano, Leonetti and Garcea, Comput. Methods Appl. Mech. Eng. 313, 2017):
+each step's Hessian is that under the forces that the step before foretold, and three steps do instead of
+eight. What they do not find is sought downhill, by the energy.
 """
 
 from dlolib.sim.assembly import (
@@ -26,6 +32,7 @@ from dlolib.sim.joints import begin, laws_act
 from dlolib.sim.rotations import rotated
 from dlolib.sim.runtime import APART, ti, vec3
 from dlolib.sim.scene import FRICTION, SAMPLES, STIFFNESS
+from dlolib.sim.strain import stretch_shear_force
 
 CONVERGED, UNCONVERGED, NOT_FINITE = 0, 1, 2
 LARGEST_TURN = 0.5
@@ -33,8 +40,9 @@ LARGEST_TURN = 0.5
 # position is a force, and a soft rope moves under it.
 ROUNDING = 1e-7
 # A Newton step leaves less than a hundredth of its square times this [1/m], for a rope without contact and
-# history; a hundredth, so that differences of two roll-outs are good for derivatives.
-QUADRATIC_1_M = 1e6
+# history; a hundredth, so that differences of two roll-outs are good for derivatives. The second is for mixed
+# steps; what these do not end in so many they never do.
+QUADRATIC_1_M, QUADRATIC_MIXED_1_M, MOST_MIXED = 1e6, 1e4, 12
 # Newton's step at which contacts with noted limits are near enough to note them anew.
 LAGGED_ENOUGH = 1e-4
 # What comes next is foretold by a polynomial of an order up to this, which one particle in so many chooses.
@@ -203,6 +211,24 @@ def note_pulls(
                     limits[b, 4 + i, k] = expected[i]
 
 
+@ti.func
+def note_forces(
+    b: int, t: int, x: ti.template(), q: ti.template(), segments: ti.template(), steps: ti.template(),
+    y: ti.template(), fraction: float, expected: ti.template(),
+):  # fmt: skip
+    """What force is to be expected in each segment at index t after a fraction of the step in column 1."""
+    for s in range(x.shape[2] - 1):
+        r = 6 * (s + 1)
+        went = vec3(
+            y[b, 1, r + 6] - y[b, 1, r], y[b, 1, r + 7] - y[b, 1, r + 1], y[b, 1, r + 8] - y[b, 1, r + 2]
+        )
+        turn = vec3(y[b, 1, r + 3], y[b, 1, r + 4], y[b, 1, r + 5])
+        expected[b, s] = stretch_shear_force(
+            x[b, t, s + 1] - x[b, t, s], q[b, t, s + 1], segments[b, s, 0] * steps[b, t, 1],
+            vec3(segments[b, s, 1], segments[b, s, 2], segments[b, s, 3]), fraction * went, fraction * turn,
+        )  # fmt: skip
+
+
 @ti.kernel
 def roll_out(
     plain: ti.template(),
@@ -232,6 +258,7 @@ def roll_out(
     lower: bands,
     y: scalars3,
     limits: scalars3,
+    expected: vectors2,
     base_x: vectors2,
     base_q: frames2,
     status: flags2,
@@ -252,10 +279,9 @@ def roll_out(
         scale_x = scale_t / length**2
         alive = True
         # what a full step leaves of itself where forces are smooth; else each step is as good as its word
-        bend = QUADRATIC_1_M
+        smooth = obstacles.shape[1] == 0
         for i in range(n):
-            if obstacles.shape[1] > 0 or laws_act(joints, b, i):
-                bend = 1e300
+            smooth = smooth and not laws_act(joints, b, i)
         # nothing resists a turn about itself of a rope that neither end holds
         loose = 0.0
         if joints[b, 0, STIFFNESS + 2] == 0.0 and joints[b, n - 1, STIFFNESS + 2] == 0.0:
@@ -278,12 +304,17 @@ def roll_out(
             shifted, exact, fresh_base = False, False, False
             # friction first by the limits of the step before, which makes it a potential; then in full
             lagged, rounds, again, noted = rough, 1, 1, False
+            # first with the segments' forces as unknowns of their own, those of the step before to begin with
+            mixed = 1 - rough
+            astray = False
+            if mixed == 1:
+                note_forces(b, t - 1, x, q, segments, steps, y, 0.0, expected)
             while not done and count < most:
                 count += 1
                 energy = assemble(
                     b, t, b, x, q, first, past, slip, sliding, end_q, steps, joints, segments, particles,
                     contacts, obstacles, grips, clamped, moving, momentum, fresh, symmetric, 0, lagged,
-                    limits, upper, lower, y, True, plain,
+                    limits, mixed, expected, upper, lower, y, True, plain,
                 )  # fmt: skip
                 clear_held(y, b, 0, n, b, grips, clamped)
                 # forces without a potential have no energy that falls; then the forces themselves may
@@ -294,7 +325,7 @@ def roll_out(
                 worse = energy > lowest + 1e-13 * ti.abs(lowest) + 1e-18
                 if symmetric == 0 and lagged == 0:
                     worse = force > least and (worse or rough == 1)
-                worse = worse and shift == 0.0 and not exact
+                worse = worse and shift == 0.0 and not exact and mixed == 0
                 if worse and fraction > (0.2 if lagged == rough else 0.1):
                     # the same step, half as far
                     fraction *= 0.5
@@ -325,7 +356,13 @@ def roll_out(
                     hold_ends(upper, lower, b, n, b, grips, clamped)
                     added = ti.max(loose, ti.max(shift, damping))
                     stiffen(upper, b, rows, added, scale_x, scale_t)
-                    if factor(upper, lower, b, rows, symmetric, 0 if exact else 1) > 0:
+                    indefinite = factor(upper, lower, b, rows, symmetric, 0 if exact else 1) > 0
+                    if mixed == 1 and (indefinite or astray or count > MOST_MIXED):
+                        # once more from the beginning, now downhill
+                        mixed = 0
+                        predict(b, t, x, q, first, end_x, end_q, grips, clamped)
+                        lowest, least, step, last_step, fraction = 1e300, 1e300, 1e300, 1e300, 1.0
+                    elif indefinite:
                         # a rope about to buckle: the same again, stiffer; at first a little less than was
                         # enough before
                         shift = ti.max(LEAST_ADDED, 10.0 * ti.max(added, enough / 1000.0))
@@ -344,7 +381,8 @@ def roll_out(
                             step = ti.max(step, ti.abs(went))
                             held = added * scale_of(r, scale_x, scale_t)
                             promised += 0.5 * went * (y[b, 0, r] + held * went)
-                        if not (step < 1e300):
+                        astray = not (step <= last_step)
+                        if mixed == 0 and not (step < 1e300):
                             done, alive = True, False
                             status[b, t - 1] = NOT_FINITE
                         fraction = ti.min(1.0, LARGEST_TURN / (step + 1e-300))
@@ -354,6 +392,8 @@ def roll_out(
                             base_x[b, p] = x[b, t, p]
                         for i in range(n + 1):
                             base_q[b, i] = q[b, t, i]
+                        if mixed == 1:
+                            note_forces(b, t, x, q, segments, steps, y, fraction, expected)
                         if lagged == 1:
                             note_pulls(b, t, base_x, x, y, slip, limits)
                         stand(b, t, x, q, base_x, base_q, y, fraction)
@@ -373,8 +413,9 @@ def roll_out(
                                 lagged, noted = 1 if again > 0 else 0, True
                                 lowest, least, step = 1e300, 1e300, 1e300
                         else:
+                            bend = QUADRATIC_MIXED_1_M if mixed == 1 else QUADRATIC_1_M
                             met = (
-                                step * step * bend < tolerance
+                                (smooth and step * step * bend < tolerance)
                                 or step < tolerance
                                 or (step < ROUNDING and step > 0.5 * last_step)
                             )

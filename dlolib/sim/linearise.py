@@ -82,7 +82,8 @@ def linearise(
         # both parts are wanted of a symmetric K too
         assemble(
             b, t, m, x, q, first, past, slip, sliding, end_q, steps, joints, segments, particles, contacts,
-            obstacles, grips, clamped, moving, momentum, fresh, 0, 1, 0, y, upper, lower, y, True, False,
+            obstacles, grips, clamped, moving, momentum, fresh, 0, 1, 0, y, 0, first,
+            upper, lower, y, True, False,
         )  # fmt: skip
         copy_band(upper, whole_upper, m, 6 * (n + 1))
         copy_band(lower, whole_lower, m, 6 * (n + 1))
@@ -102,7 +103,7 @@ def linearise(
                             for r in ti.static(range(2)):
                                 for c in ti.static(range(2)):
                                     bends[m, i, k, 4 * part + 2 * r + c] = blocks[part][r, c]
-        if symmetric == 0 and fresh == 0:
+        if slip.shape[2] > 1 and fresh == 0:
             for p in range(n):
                 for j in range(SAMPLES):
                     if j == 0 or p + 1 < n:
@@ -158,7 +159,7 @@ def residuals(
                 begin(joints, past, b, t - 1, i, 1)
         assemble(
             b, t, m, x, q, first, past, slip, sliding, end_q, steps, joints, segments, particles, contacts,
-            obstacles, grips, clamped, moving, momentum, fresh, symmetric, 1, 0, y,
+            obstacles, grips, clamped, moving, momentum, fresh, symmetric, 1, 0, y, 0, first,
             unused, unused, y, False, False,
         )  # fmt: skip
         advance(

@@ -222,7 +222,7 @@ class RecordingModel:
             first = [self._variation(*side, times[:1]) for side in sides]
             return sensitivities(rest, first, np.array([1]))[1]
         moved = [(self._released(a).x - self._released(b).x) / width for a, b, width in sides]
-        return replace(zero_tangent(1, len(sides), self.particles), x=np.stack(moved, axis=1))
+        return replace(zero_tangent(rest.scene, len(sides)), x=np.stack(moved, axis=1))
 
     def _variation(self, ahead: Setup, behind: Setup, width: float, times: Floats) -> Variation:
         one, other = (Case(scene_of([s]), self.path(s, times)) for s in (ahead, behind))

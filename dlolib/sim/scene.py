@@ -68,6 +68,12 @@ class Scene:
         return Scene(own[0], own[1], own[2], own[3], own[4], own[5], own[6], self.symmetric)
 
     @property
+    def slips(self) -> int:
+        """K where the rope may rub against something, else 1: nothing needs room for more."""
+        rubs = not self.symmetric and self.obstacles.shape[1] > 0
+        return self.contacts.shape[1] if rubs else 1
+
+    @property
     def has_laws(self) -> bool:
         """Whether any joint has a moment beside the elastic one."""
         return bool(self.joints[..., LAWS:].any())

@@ -10,7 +10,7 @@ from dlolib.errors import SimulationError
 from dlolib.sim import direct
 from dlolib.sim.band import HALF
 from dlolib.sim.joints import HISTORY
-from dlolib.sim.scene import Scene, contact_points
+from dlolib.sim.scene import Scene
 from dlolib.types import Floats
 
 TOLERANCE = 1e-8
@@ -97,7 +97,7 @@ class Clock:
 @dataclass(frozen=True)
 class Rollout:
     """States of B ropes at indices 0 (the initial one) ... T: x (B, T + 1, n, 3), q (B, T + 1, n + 1, 4),
-    past (B, T + 1, n, HISTORY), slip (B, T + 1, K, 3), sliding (B, T + 1, K)."""
+    past (B, T + 1, n, HISTORY), slip (B, T + 1, K, 3), sliding (B, T + 1, K); K = 1 where nothing rubs."""
 
     scene: Scene
     clock: Clock
@@ -175,8 +175,8 @@ def _launch(scene: Scene, state: State, path: Path, clock: Clock) -> tuple[Rollo
     ropes, n = state.x.shape[:2]
     count = path.x.shape[1]
     x, q = np.empty((ropes, count + 1, n, 3)), np.empty((ropes, count + 1, n + 1, 4))
-    past, slip = np.zeros((ropes, count + 1, n, HISTORY)), np.zeros((ropes, count + 1, contact_points(n), 3))
-    sliding = np.zeros((ropes, count + 1, contact_points(n)), np.int32)
+    past, slip = np.zeros((ropes, count + 1, n, HISTORY)), np.zeros((ropes, count + 1, scene.slips, 3))
+    sliding = np.zeros((ropes, count + 1, scene.slips), np.int32)
     x[:, 0], q[:, 0] = state.x, state.q
     if state.past is not None:
         past[:, 0] = state.past
@@ -188,8 +188,8 @@ def _launch(scene: Scene, state: State, path: Path, clock: Clock) -> tuple[Rollo
         _plain(scene), x, q, before, past, slip, sliding, np.ascontiguousarray(path.x),
         np.ascontiguousarray(path.q), steps_of(path, clock), *scene.arrays(), *clock.flags,
         int(scene.symmetric), TOLERANCE, MOST_ITERATIONS, *(banded(ropes, n) for _ in range(2)),
-        columns(ropes, 2, n), np.zeros((ropes, 7, contact_points(n))), np.empty((ropes, n, 3)),
-        np.empty((ropes, n + 1, 4)), status, iterations,
+        columns(ropes, 2, n), np.zeros((ropes, 7, scene.slips)),
+        *(np.empty((ropes, n, 3)) for _ in range(2)), np.empty((ropes, n + 1, 4)), status, iterations,
     )  # fmt: skip
     return Rollout(scene, clock, path, before, x, q, past, slip, sliding, iterations), status
 

@@ -16,7 +16,7 @@ ARCSINE = tuple(2 * comb(2 * k, k) / (4**k * (2 * k + 1)) for k in range(11))
 
 
 @ti.func
-def stretch_shear(d: vec3, q: vec4, length: float, stiffness: vec3):
+def stretch_shear(d: vec3, q: vec4, length: float, stiffness: vec3, mixed: int, expected: vec3):
     """Constraint 1, equation (4): gamma = R(q)^T d / l - e3, energy l/2 gamma . K gamma.
 
     Args:
@@ -24,6 +24,7 @@ def stretch_shear(d: vec3, q: vec4, length: float, stiffness: vec3):
         q: the segment's frame.
         length: rest length l [m].
         stiffness: K = (GA, GA, EA) [N].
+        mixed, expected: whether the Hessian is that under the expected force [N], or under K gamma.
 
     Returns:
         energy [J]; its gradient to d and theta; its Hessian blocks dd, d-theta and theta-theta.
@@ -31,14 +32,17 @@ def stretch_shear(d: vec3, q: vec4, length: float, stiffness: vec3):
     rotation = matrix(q)
     u = rotation.transpose() @ d / length
     k = stiffness
-    n = k * (u - vec3(0.0, 0.0, 1.0))
-    energy = 0.5 * length * n.dot(u - vec3(0.0, 0.0, 1.0))
+    own = k * (u - vec3(0.0, 0.0, 1.0))
+    energy = 0.5 * length * own.dot(u - vec3(0.0, 0.0, 1.0))
+    n = own
+    if mixed == 1:
+        n = expected
     # products with K and with the cross matrices of u and n, written out: a compiler keeps their zeros
     h_dd, h_dt = mat3(0.0), mat3(0.0)
     for i in ti.static(range(3)):
         for j in ti.static(range(3)):
-            own = rotation[i, 0] * k[0] * rotation[j, 0] + rotation[i, 1] * k[1] * rotation[j, 1]
-            h_dd[i, j] = (own + rotation[i, 2] * k[2] * rotation[j, 2]) / length
+            flat = rotation[i, 0] * k[0] * rotation[j, 0] + rotation[i, 1] * k[1] * rotation[j, 1]
+            h_dd[i, j] = (flat + rotation[i, 2] * k[2] * rotation[j, 2]) / length
             a, c = ti.static((j + 1) % 3, (j + 2) % 3)
             h_dt[i, j] = rotation[i, a] * (k[a] * u[c] - n[c]) - rotation[i, c] * (k[c] * u[a] - n[a])
     h_tt = mat3(0.0)
@@ -47,7 +51,15 @@ def stretch_shear(d: vec3, q: vec4, length: float, stiffness: vec3):
         h_tt[i, i] = length * (k[a] * u[c] * u[c] + k[c] * u[a] * u[a] - n[a] * u[a] - n[c] * u[c])
         h_tt[i, a] = length * (0.5 * (n[i] * u[a] + u[i] * n[a]) - k[c] * u[i] * u[a])
         h_tt[a, i] = h_tt[i, a]
-    return energy, rotation @ n, length * n.cross(u), h_dd, h_dt, h_tt
+    return energy, rotation @ own, length * own.cross(u), h_dd, h_dt, h_tt
+
+
+@ti.func
+def stretch_shear_force(d: vec3, q: vec4, length: float, stiffness: vec3, went: vec3, turn: vec3) -> vec3:
+    """K gamma [N] of a segment to first order, after d grew by `went` [m] and the frame turned [rad]."""
+    rotation = matrix(q).transpose()
+    u = rotation @ d / length
+    return stiffness * (u - vec3(0.0, 0.0, 1.0) + rotation @ went / length + u.cross(turn))
 
 
 @ti.func

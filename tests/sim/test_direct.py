@@ -46,6 +46,19 @@ def test_the_rope_does_not_stretch() -> None:
     assert np.abs(lengths / (ROPE.length_m / 29) - 1).max() < 5e-4
 
 
+def test_three_steps_of_newton_do() -> None:
+    """Whatever a segment's stretch resists: steps are as many where it resists a hundred times as much."""
+    rod = Rod(ROPE, EI, GJ)
+    start = settled(rod)
+    found = moved(rod, start, swing(), Clock(None))
+    assert found.iterations.mean() < 4
+    made = scene([rod], GRAVITY, Ends())
+    stiff = made.segments * [1.0, 100.0, 100.0, 100.0]
+    stiffer = roll_out(replace(made, segments=stiff), start, way_of(swing()), Clock(None))
+    assert stiffer.iterations.mean() < found.iterations.mean() + 1
+    assert np.abs(stiffer.x - found.x).max() < 1e-4
+
+
 @pytest.mark.parametrize("clock", CLOCKS.values(), ids=CLOCKS)
 @pytest.mark.parametrize("obstacles", [(), (cylinder(0.17, -0.15),)], ids=["free", "contact"])
 def test_adjoint_is_the_derivative(clock: Clock, obstacles: tuple) -> None:

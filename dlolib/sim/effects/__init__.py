@@ -113,7 +113,7 @@ def check(name: str, value: float, beyond: float = 0.0) -> None:
 def applied(setup: Setup, values: Mapping[str, float]) -> Setup:
     """The set-up with all effects in it that the values name, `<effect>.<parameter>` each.
 
-    A parameter of a named effect that is not given is neutral.
+    A parameter of a named effect that is not given is neutral, unless the effect says otherwise (`NAMED`).
     """
     given: dict[str, dict[str, float]] = {}
     for name, value in values.items():
