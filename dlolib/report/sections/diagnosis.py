@@ -97,11 +97,14 @@ def _scan(name: str, scan: pd.DataFrame, verdict: Verdict, figures: Path) -> Fig
 
 
 def _models(name: str, verdict: Verdict, figures: Path) -> Figure:
+    ahead = any(one.heldout_delta_chi2 is not None for one in verdict.candidates)
+    foretold = (
+        "; right, what each foretells of the held-out motion against the elastic rod, to the left is better"
+    )
     return Figure(
         save(models_figure(verdict), figures, f"diagnosis_models_{name}"),
-        f"{title(name)}: the best models. Left, BIC over that of the best (blue: the winner and its "
-        f"ties); right, what "
-        "each foretells of the held-out motion against the elastic rod, to the left is better.",
+        f"{title(name)}: the best models. BIC over that of the best (blue: the winner and its ties)"
+        f"{foretold if ahead else ''}.",
         f"Models fitted to {title(name)}",
     )
 
