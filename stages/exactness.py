@@ -147,7 +147,8 @@ def against_sysid() -> Iterator[Figure]:
 
 def gradients() -> Iterator[Figure]:
     """Forward sensitivities and adjoint of every effect's parameters against extrapolated differences."""
-    errors, left_out, idle = derivative_errors()
+    found = derivative_errors()
+    errors, left_out, idle = found.relative, found.left_out, found.idle
     worst = sorted(errors, key=lambda label: -errors[label])
     share = 100 * len(left_out) / (len(left_out) + len(errors))
     first = ", ".join(f"{label} {errors[label]:.1e}" for label in worst[:4])
@@ -157,7 +158,8 @@ def gradients() -> Iterator[Figure]:
         f"{len(errors)} derivatives; worst: {first}; median {float(np.median(list(errors.values()))):.1e}. "
         "Sensitivities against Richardson's differences, "
         f"adjoint against sensitivities; an event changed within the stencil in {share:.0f} %{listed}; "
-        f"{len(idle)} move nothing{': ' + ', '.join(idle) if idle else ''}",
+        f"{len(idle)} move nothing{': ' + ', '.join(idle) if idle else ''}; "
+        f"scenes not solved: {', '.join(found.unsolved) or 'none'}",
     )
 
 

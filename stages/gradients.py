@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
 
+from dlolib.errors import SimulationError
 from dlolib.sim import simulate
 from dlolib.sim.differentiate import gradient, sensitivities
 from dlolib.sim.effects import EFFECTS
@@ -60,39 +62,50 @@ SHARP_M = 1e-11
 ROWS = 41
 
 
-def derivative_errors() -> tuple[dict[str, float], list[str], list[str]]:
+@dataclass
+class Errors:
     """Relative error of each derivative by its label; those left out, since an event changed within the
-    stencil; and those of parameters that move nothing in their scene."""
+    stencil; those of parameters that move nothing in their scene; and scenes that could not be solved."""
+
+    relative: dict[str, float] = field(default_factory=dict)
+    left_out: list[str] = field(default_factory=list)
+    idle: list[str] = field(default_factory=list)
+    unsolved: list[str] = field(default_factory=list)
+
+
+def derivative_errors() -> Errors:
+    """Of every scene."""
     usual, simulate.TOLERANCE = simulate.TOLERANCE, SHARP_M
     try:
-        return _errors()
+        errors = Errors()
+        for scene in scenes():
+            try:
+                _add(errors, *scene)
+            except SimulationError as error:
+                errors.unsolved.append(f"{scene[0]} ({error.problem})")
+        return errors
     finally:
         simulate.TOLERANCE = usual
 
 
-def _errors() -> tuple[dict[str, float], list[str], list[str]]:
-    errors: dict[str, float] = {}
-    left_out: list[str] = []
-    idle: list[str] = []
-    for name, recording, rod, parameters in scenes():
-        model = RecordingModel(recording, PARTICLES, STEP_S)
-        by_sensitivity = model.predict(rod, parameters).by_parameter
-        for k, parameter in enumerate(parameters):
-            # a narrower stencil where a joint is near its yield surface
-            true, events = _extrapolated(model, rod, parameter, 4e-4)
-            if events:
-                true, events = _extrapolated(model, rod, parameter, 2e-5)
-            label = f"{name}: {parameter}"
-            if events:
-                left_out.append(label)
-                continue
-            scale = float(np.linalg.norm(true))
-            if scale == 0:
-                idle.append(label)
-            else:
-                errors[label] = float(np.linalg.norm(by_sensitivity[..., k] - true)) / scale
-        errors[f"{name}: adjoint"] = _adjoint_error(model, rod, parameters)
-    return errors, left_out, idle
+def _add(errors: Errors, name: str, recording: Recording, rod: Rod, parameters: list[str]) -> None:
+    model = RecordingModel(recording, PARTICLES, STEP_S)
+    by_sensitivity = model.predict(rod, parameters).by_parameter
+    for k, parameter in enumerate(parameters):
+        # a narrower stencil where a joint is near its yield surface
+        true, events = _extrapolated(model, rod, parameter, 4e-4)
+        if events:
+            true, events = _extrapolated(model, rod, parameter, 2e-5)
+        label = f"{name}: {parameter}"
+        if events:
+            errors.left_out.append(label)
+            continue
+        scale = float(np.linalg.norm(true))
+        if scale == 0:
+            errors.idle.append(label)
+        else:
+            errors.relative[label] = float(np.linalg.norm(by_sensitivity[..., k] - true)) / scale
+    errors.relative[f"{name}: adjoint"] = _adjoint_error(model, rod, parameters)
 
 
 def scenes() -> Iterator[tuple[str, Recording, Rod, list[str]]]:

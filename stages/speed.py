@@ -178,12 +178,13 @@ from pathlib import Path
 import numpy as np
 from stages import peers
 from dlolib.sim import simulate
+from dlolib.sim.differentiate import gradient
 made, start = peers.at_rest([peers.Rod(peers.ROPE, peers.EI, peers.GJ)])
 path = peers.arc_path()
 def go(steps):
     part = simulate.Path(path.x[:, :steps], path.q[:, :steps])
     rollout = simulate.roll_out(made, start, part, simulate.Clock(peers.STEP_S))
-    return simulate.gradient(rollout, np.ones_like(rollout.x)).end_x
+    return gradient(rollout, np.ones_like(rollout.x)).end_x
 go(2)
 def kb(what):
     return int(re.search(what + r":\\s*(\\d+)", Path("/proc/self/status").read_text())[1])
