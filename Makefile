@@ -65,7 +65,7 @@ solvers: .venv/installed ## the paper's iterative solver beside the direct one o
 	@touch $@
 
 .PHONY: bench
-bench: .venv/bench ## how fast and how right the rod is, beside its peers: reports/bench.json (15 minutes); KEYS=... for some
+bench: .venv/bench ## how fast and how right the rod is, beside its peers: reports/bench.json (4 minutes); KEYS=... for some
 	@python -m stages.bench $(KEYS)
 
 .PHONY: chain-bench
