@@ -181,11 +181,13 @@ def cosserat() -> Iterator[Figure]:
 
     from dlolib.bench.cosserat import RodSolver
 
-    ratios, said = {}, []
+    ratios: dict[str, float] = {}
+    said: list[str] = []
+    failed: dict[str, list[str]] = {}
     for name, metric in SCORES.items():
         experiment = registry.load_experiment(name)
         ours = run_experiment(experiment, RodSolver())
-        others, failed = {}, []
+        others = {}
         for solver in ("pyelastica", "mujoco"):
             try:
                 result = run_experiment(experiment, registry.load_solver(solver))
@@ -193,10 +195,10 @@ def cosserat() -> Iterator[Figure]:
                     others[solver] = result.metrics[metric] * (result.wall_time or 0.0)
                     said.append(f"{name} {solver} {result.metrics[metric]:.2e} in {result.wall_time:.2f} s")
                 else:
-                    failed.append(f"{solver} {result.failure or result.outcome}")
+                    failed.setdefault(f"{solver}: {result.failure or result.outcome}", []).append(name)
             except Exception as error:  # an adapter that does not fit its library
-                failed.append(f"{solver} {type(error).__name__}: {str(error).splitlines()[0]}")
-        said.extend(f"{name} {one}" for one in failed)
+                why = f"{solver}: {type(error).__name__}: {str(error).splitlines()[0]}"
+                failed.setdefault(why, []).append(name)
         if ours.outcome != "completed":
             yield Figure(None, f"{name}: {ours.failure or ours.missing}")
             return
@@ -207,6 +209,7 @@ def cosserat() -> Iterator[Figure]:
     slide = slid.metrics.get("slide")
     said.append(f"capstan ours {slid.failure if slide is None else f'slide {slide:.1e} m'}")
     said.append("crossing and pile: unsupported, no contact between rods")
+    said.extend(f"{', '.join(names)} failed with {why}" for why, names in failed.items())
     if not ratios:
         yield Figure(None, f"no other solver completed: {'; '.join(said)}")
         return
