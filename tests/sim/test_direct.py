@@ -47,16 +47,16 @@ def test_the_rope_does_not_stretch() -> None:
 
 
 def test_three_steps_of_newton_do() -> None:
-    """Whatever a segment's stretch resists: steps are as many where it resists a hundred times as much."""
+    """In long steps, and where segments resist stretch a hundred times as much; plainly 9, and 58."""
     rod = Rod(ROPE, EI, GJ)
     start = settled(rod)
-    found = moved(rod, start, swing(), Clock(None))
+    found = moved(rod, start, swing(8), Clock(None))
     assert found.iterations.mean() < 4
     made = scene([rod], GRAVITY, Ends())
     stiff = made.segments * [1.0, 100.0, 100.0, 100.0]
-    stiffer = roll_out(replace(made, segments=stiff), start, way_of(swing()), Clock(None))
+    stiffer = roll_out(replace(made, segments=stiff), start, way_of(swing(8)), Clock(None))
     assert stiffer.iterations.mean() < found.iterations.mean() + 1
-    assert np.abs(stiffer.x - found.x).max() < 1e-4
+    assert np.abs(stiffer.x - found.x).max() < 1e-5
 
 
 @pytest.mark.parametrize("clock", CLOCKS.values(), ids=CLOCKS)
