@@ -143,16 +143,16 @@ def simulate(
     """Simulate a recording's points with a rod under the recording's own motion: dlo-recording/1."""
     from dlolib.formats import read_recording, write_recording
     from dlolib.identify import FINER, particles_for
-    from dlolib.sim.recording import simulated
+    from dlolib.sim.continuum import simulated
 
     read = _timed(read_recording(recording), quasi_static)
     known = rope_values(read.rope, read.name, _known(fit, verdict), parse_values(values or []))
     given = replace(read, rope=known.rope)
     known = replace(known, parameters={**known.parameters, **parse_effects(effects or [])})
     settings = _identify_settings()
-    # as fine as the mesh that identification corrects to, so that a fit is played back as it was made
-    rod = _rod(known, FINER * (particles_for(known.rope.length_m, settings) - 1) + 1)
-    write_recording(simulated(given, rod, settings.time_step_s, settings.sweeps), out)
+    rod = _rod(known, particles_for(known.rope.length_m, settings))
+    # corrected as identification corrects, so that a fit is played back as it was made
+    write_recording(simulated(given, rod, settings.time_step_s, settings.sweeps, FINER), out)
     _say(f"{out}: {len(given.points.s_m)} simulated points of {read.name}")
 
 

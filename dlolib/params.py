@@ -140,7 +140,7 @@ class Diagnose(Block):
     without: list[str]
     chance: Annotated[float, Field(gt=0, lt=1)]
     tie: NotNegative
-    most_effects: Annotated[int, Field(ge=1, le=3)]
+    most_effects: Annotated[int, Field(ge=1, le=5)]
     starts: Count
     partners: Count
     workers: Count

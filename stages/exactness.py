@@ -12,6 +12,7 @@ from mujoco import minimize
 from scipy.optimize import least_squares
 
 from dlolib.identify.identify import CORRECTIONS, FINER
+from dlolib.sim.continuum import mesh_error, refined
 from dlolib.sim.recording import RecordingModel
 from dlolib.sim.rod import Rod
 from dlolib.sim.simulate import Clock, Rollout
@@ -84,8 +85,8 @@ def _fit_ours(
     model, true = RecordingModel(recording, n, step_s), recording.points.xyz_m
     theta, offset = np.array([np.log(first)]), np.zeros_like(true)
 
-    def rod(theta: Floats, particles: int = n) -> Rod:
-        return Rod(ROPE, float(np.exp(theta[0])), GJ, particles=particles)
+    def rod(theta: Floats) -> Rod:
+        return Rod(ROPE, float(np.exp(theta[0])), GJ, particles=n)
 
     def residual(theta: Floats) -> Floats:
         return np.asarray((model.predict(rod(theta)).xyz_m + offset - true).ravel())
@@ -94,13 +95,11 @@ def _fit_ours(
         by = model.predict(rod(theta), ["bending_stiffness"]).by_parameter
         return np.asarray(by.reshape(-1, 1) * np.exp(theta[0]))
 
-    fine = FINER * (n - 1) + 1
     for number in range(corrections + 1):
         end = least_squares(residual, theta, jacobian, x_scale=[0.1], xtol=1e-6)
         theta = end.x
         if number < corrections:
-            finely = RecordingModel(recording, fine, step_s).predict(rod(theta, fine)).xyz_m
-            offset = finely - model.predict(rod(theta)).xyz_m
+            offset = mesh_error(model, refined(model, FINER), rod(theta))
     return float(np.exp(theta[0])), float(end.cost)
 
 

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dlolib.diagnose.fitting import Fitted
-from dlolib.diagnose.noise import Whitener, grid_of
 from dlolib.diagnose.study import Seen, Study
+from dlolib.diagnose.whitening import Whitener, grid_of
 from dlolib.errors import DloError
 from dlolib.identify.problem import axes
 from dlolib.sim.poses import model_of

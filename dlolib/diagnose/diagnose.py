@@ -13,11 +13,12 @@ from dlolib.diagnose.detect import asked, detectable, sized
 from dlolib.diagnose.fitting import Fitted
 from dlolib.diagnose.heldout import black_box, foretell, refuted
 from dlolib.diagnose.locate import Reversal, reversal, scan
-from dlolib.diagnose.noise import Whitener, grid_of, known_noise, noise_left
-from dlolib.diagnose.nuisances import before, between, lasting
+from dlolib.diagnose.noise import known_noise, noise_left
+from dlolib.diagnose.nuisances import before, between
 from dlolib.diagnose.search import Searched, baseline, search, searched_again
 from dlolib.diagnose.study import Bools, DiagnoseSettings, Seen, Study, acting_only, seen_as
 from dlolib.diagnose.verdict import Found, simulated, verdict_of
+from dlolib.diagnose.whitening import Whitener, grid_of, lasting
 from dlolib.diagnose.workers import Workers
 from dlolib.errors import ParameterError
 from dlolib.formats import interpolate_motion
@@ -138,15 +139,16 @@ def raw_study(recordings: Sequence[Recording], settings: DiagnoseSettings) -> St
     used = [_fitted_points(one, 0.0 if declared else settings.heldout_share) for one in recordings]
 
     def seen(one: Recording, some: Bools) -> Seen:
-        whitener = Whitener(grid_of(one, some), FIRST_NOISE, _covariance(one, some))
+        grid, covariance = grid_of(one, some), _covariance(one, some)
+        always = lasting(one, some, grid, covariance)
+        whitener = Whitener(grid, FIRST_NOISE, covariance, always)
         return seen_as(one, some, whitener, settings)
 
     both = list(zip(recordings, used, strict=True))
     kept = [_kept_points(one, settings.most_frames) for one in recordings]
     ahead = {k: seen(one, ~mine & kept[k]) for k, (one, mine) in enumerate(both) if not mine.all()}
     fitted = tuple(seen(one, mine & kept[k]) for k, (one, mine) in enumerate(both))
-    own = {**lasting(recordings), **between(recordings)}
-    return Study(fitted, own, before(recordings), ahead=ahead)
+    return Study(fitted, between(recordings), before(recordings), ahead=ahead)
 
 
 def _told_by(study: Study, model: Fitted, known: Known) -> Told:

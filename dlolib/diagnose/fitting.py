@@ -13,6 +13,7 @@ from dlolib.diagnose.study import Point, Seen, Study, remembers
 from dlolib.errors import SimulationError
 from dlolib.identify.parameters import Unknown
 from dlolib.identify.problem import axes
+from dlolib.sim import continuum
 from dlolib.sim.rod import Rod
 from dlolib.types import Floats
 
@@ -209,10 +210,9 @@ def awake(model: Hypothesis, theta: Floats) -> Floats | None:
 
 
 def mesh_error(study: Study, point: Point, known_m: Sequence[Floats] | None = None) -> tuple[Floats, ...]:
-    """What the continuous rod adds to each recording's points, (P, 3) [m]: Richardson's extrapolation.
+    """What the continuous rod adds to each recording's points, (P, 3) [m].
 
-    The mesh's error falls with its square, so that a mesh twice as fine shows three quarters of it. Where the
-    finer rope snaps elsewhere, or has no equilibrium at all, it tells nothing: what is known stays.
+    Where the finer rope snaps elsewhere, or has no equilibrium at all, it tells nothing: what is known stays.
     """
     found = []
     for k, one in enumerate(study.seen):
@@ -225,7 +225,6 @@ def mesh_error(study: Study, point: Point, known_m: Sequence[Floats] | None = No
 
 def _extrapolated(one: Seen, rod: Rod) -> Floats | None:
     try:
-        finely, coarsely = one.fine.predict(rod.with_particles(one.fine.particles)), one.model.predict(rod)
+        return continuum.mesh_error(one.model, one.fine, rod)
     except SimulationError:
         return None
-    return np.asarray(4 / 3 * (finely.xyz_m - coarsely.xyz_m))

@@ -1,5 +1,5 @@
-"""What a recording has for itself and is no physics: a depth camera's lasting error; between recordings of
-one object how it is mounted, where the camera stands, and what happened before.
+"""What a recording has for itself and is no physics: between recordings of one object how it is mounted,
+where the camera stands, and what happened before.
 
 The first recording's poses hold; each further one may differ from it, by as much as its prior lets it. What
 happened before a recording whose motion begins with its first frame is each one's own.
@@ -39,26 +39,6 @@ def between(recordings: Sequence[Recording]) -> dict[Unknown, float]:
     }
 
 
-def lasting(recordings: Sequence[Recording]) -> dict[Unknown, float]:
-    """The part of a named camera's error that is the same in every frame, and the deviation expected of it.
-
-    No number of frames averages it away. It is taken for as large as the noise of one point: a shift by that
-    much, and a turn that moves points a rope's length away by as much.
-    """
-    found: dict[Unknown, float] = {}
-    for k, recording in enumerate(recordings):
-        if recording.world_from_camera is None or recording.noise is None:
-            continue
-        size = recording.noise.sigma_m
-        expected = {"shift": size, "rotation": size / recording.rope.length_m}
-        found |= {
-            Unknown(f"camera_pose.{part}_{axis}", k): deviation
-            for part, deviation in expected.items()
-            for axis in (1, 2, 3)
-        }
-    return found
-
-
 def _held(recording: Recording, name: str) -> bool:
     """A free end is mounted nowhere."""
     effect, _, part = name.partition(".")
@@ -96,4 +76,4 @@ def mounted_otherwise(values: Mapping[Unknown, float], names: Sequence[str]) -> 
             yield f"{name} is mounted {np.rad2deg(max(angles)):.0f} degrees otherwise than {names[0]}."
 
 
-__all__ = ["FARTHEST", "before", "begins_unseen", "between", "bounded", "lasting", "mounted_otherwise"]
+__all__ = ["FARTHEST", "before", "begins_unseen", "between", "bounded", "mounted_otherwise"]

@@ -57,8 +57,8 @@ class Searched:
 def search(study: Study, settings: DiagnoseSettings, run: Workers) -> Searched:
     """Fit the baseline, every effect alone, and the pairs that promise something.
 
-    A second effect is sought where the elastic rod may leave more than noise, a third only where the best
-    pair does not explain what is seen.
+    A second effect is sought where the elastic rod may leave more than noise, further ones only where the
+    best model does not explain what is seen.
     """
     elastic = baseline(study)
     models = {one.effects: one for one in _singles(study, elastic, settings, run)}
@@ -128,8 +128,8 @@ def _grown(
     of the best ones so found, until nothing changes.
 
     Where much is missing a linear step from the best model foretells little, and what is found may not
-    explain what is seen: then the same from the next best models. Three effects are sought forward alone,
-    from the best pair. A rigid rope explains by its ends alone what moves them: then the same from the best
+    explain what is seen: then the same from the next best models. More than two are sought forward alone,
+    from the best model. A rigid rope explains by its ends alone what moves them: then the same from the best
     model whose rope is none.
     """
     beginnings, rounds = (BEGINNINGS, ROUNDS) if size == 2 else (1, 1)

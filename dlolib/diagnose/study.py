@@ -9,16 +9,18 @@ from functools import cached_property
 
 import numpy as np
 
-from dlolib.diagnose.noise import Whitener
 from dlolib.diagnose.nuisances import FARTHEST, begins_unseen, bounded
+from dlolib.diagnose.whitening import Whitener
 from dlolib.identify import particles_for
 from dlolib.identify.intervals import FEWEST_POSES, poses
 from dlolib.identify.parameters import ACTS_M, LOGARITHM_SCALE, Unknown
 from dlolib.identify.problem import axes
+from dlolib.sim.continuum import refined
 from dlolib.sim.effects import EFFECTS, parameter
 from dlolib.sim.effects.base import Hint, forms, sizes
 from dlolib.sim.moments import moments
 from dlolib.sim.poses import Model, model_of, near
+from dlolib.sim.recording import dynamic_step
 from dlolib.sim.rod import STIFFNESSES, Rod
 from dlolib.types import Floats, Recording
 
@@ -62,7 +64,7 @@ class DiagnoseSettings:
     without: tuple[str, ...] = ()
     chance: float = 5e-5
     tie: float = 6.0
-    most_effects: int = 3
+    most_effects: int = 4
     starts: int = 2
     partners: int = 6
     workers: int = 2
@@ -81,7 +83,7 @@ class Seen:
     @cached_property
     def fine(self) -> Model:
         """The same on a mesh twice as fine."""
-        return replace(self.model, particles=2 * (self.model.particles - 1) + 1)
+        return refined(self.model, 2)
 
     @property
     def recording(self) -> Recording:
@@ -228,7 +230,7 @@ def seen_as(recording: Recording, used: Bools, whitener: Whitener, settings: Dia
     )  # fmt: skip
     length = recording.rope.length_m
     n = particles_for(length, settings)
-    step_s = settings.time_step_s
+    step_s = dynamic_step(recording.motion, settings.time_step_s)
     if recording.quasi_static:
         step_s = max(step_s, float(np.ptp(points.t_s)) / MOST_STEPS)
     return Seen(model_of(replace(recording, points=some), n, step_s), whitener)

@@ -14,7 +14,9 @@ from dlolib.errors import ParameterError, SimulationError
 from dlolib.identify.intervals import bootstrap
 from dlolib.identify.parameters import Unknown, acting, candidates
 from dlolib.identify.problem import Bools, Problem, axes
+from dlolib.sim.continuum import mesh_error, refined
 from dlolib.sim.poses import model_of, near
+from dlolib.sim.recording import dynamic_step
 from dlolib.sim.rod import Rod, unit_of
 from dlolib.types import Estimate, Fit, Floats, Recording
 
@@ -32,7 +34,7 @@ class IdentifySettings:
     Args:
         particles: n, at least; more where segments would be longer than `longest_segment_m`.
         longest_segment_m: see above [m].
-        time_step_s: step of the dynamic clock; quasi-static recordings need none.
+        time_step_s: longest step of the dynamic clock; quasi-static recordings need none.
         sweeps: None for the direct solver; the paper's iterative one with so many iterations a step.
         parameters: names to fit, or None for those that act (see `parameters.candidates`).
         iterations: at most this many steps of least squares.
@@ -128,7 +130,10 @@ def _begin(
     models, rods, used = [], [], []
     for k, recording in enumerate(recordings):
         n = particles_for(recording.rope.length_m, settings)
-        model = model_of(recording, n, settings.time_step_s, settings.sweeps)
+        step_s = settings.time_step_s
+        if settings.sweeps is None:
+            step_s = dynamic_step(recording.motion, step_s)
+        model = model_of(recording, n, step_s, settings.sweeps)
         if given is not None:
             model = near(model, replace(given[k], effects={}))
         models.append(model)
@@ -193,21 +198,18 @@ def _keeping_rods(problem: Problem, theta: Floats, positions: Sequence[int]) -> 
 
 
 def _corrected(problem: Problem, theta: Floats, settings: IdentifySettings) -> Problem:
-    """The problem with what a four times finer mesh adds to the shapes at theta.
+    """The problem with what the continuous rod adds to the shapes at theta.
 
-    n particles bend like a rod of a few percent less stiffness; the difference of a fine and a coarse
-    solution hardly depends on the parameters, so that the fit returns those of the continuous rod. The
-    iterative solver's stiffness depends on its mesh altogether and is left as it is.
+    That hardly depends on the parameters, so that the fit returns those of the continuous rod. The iterative
+    solver's stiffness depends on its mesh altogether and is left as it is.
     """
     if settings.sweeps is not None:
         return problem
-    offsets = []
-    for k, model in enumerate(problem.models):
-        rod = problem.rod(k, theta)
-        fine = FINER * (rod.particles - 1) + 1
-        finely = replace(model, particles=fine).predict(rod.with_particles(fine))
-        offsets.append(finely.xyz_m - model.predict(rod).xyz_m)
-    return replace(problem, offsets=tuple(offsets))
+    offsets = tuple(
+        mesh_error(model, refined(model, FINER), problem.rod(k, theta))
+        for k, model in enumerate(problem.models)
+    )
+    return replace(problem, offsets=offsets)
 
 
 def _declared(recording: Recording) -> Bools:

@@ -35,6 +35,8 @@ CLOSE, BRIEF = 0.25, 0.01
 LEAST_DIFFERENCE = 1e-9
 # A step of the dynamic clock follows an end by this share of the rope's length and by this turn.
 FOLLOWED, FOLLOWED_RAD = 0.25, 1.0
+# Dynamic steps between two rows of the motion: what is recorded so often moves that fast.
+STEPS_A_ROW = 4
 
 
 Made = TypeVar("Made")
@@ -366,16 +368,7 @@ def largest_step(motion: Motion) -> float:
     return float(_ways(motion).max(initial=0.0))
 
 
-def simulated(
-    recording: Recording, rod: Rod, step_s: float | None = 0.01, sweeps: int | None = None
-) -> Recording:
-    """The recording with its points replaced by the simulated ones, at the same times and arc lengths.
-
-    With effects the first shape is sought from that without them, as in a diagnosis: where a rope may rest in
-    two shapes, both take the same.
-    """
-    near = replace(rod, effects={}) if rod.effects and sweeps is None else None
-    xyz = RecordingModel(recording, rod.particles, step_s, sweeps, near).predict(rod).xyz_m
-    points = replace(recording.points, xyz_m=xyz, covariance_m2=None)
-    told = f"dlo simulate {recording.name}"
-    return replace(recording, points=points, source=told, position_noise_m=0.0, noise=None)
+def dynamic_step(motion: Motion, longest_s: float) -> float:
+    """A step [s] that follows what the motion's rows tell: a share of the time between two of them."""
+    between_s = float(np.median(np.diff(motion.t_s))) if len(motion.t_s) > 1 else np.inf
+    return min(longest_s, between_s / STEPS_A_ROW)

@@ -15,8 +15,8 @@ from dlolib.diagnose.detect import gain_needed
 from dlolib.diagnose.fitting import fit, hypothesis
 from dlolib.errors import ParameterError
 from dlolib.formats import read_fit, read_recording, read_verdict, write_recording
+from dlolib.sim.continuum import simulated
 from dlolib.sim.effects import EFFECTS
-from dlolib.sim.recording import simulated
 from dlolib.sim.rod import Rod
 from dlolib.types import Ends, Motion, Points, Recording
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from sim.test_recording import recording
 
-from dlolib.diagnose.noise import Whitener, grid_of, known_noise, noise_left
+from dlolib.diagnose.noise import known_noise, noise_left
+from dlolib.diagnose.whitening import Whitener, grid_of, lasting
 from dlolib.types import Floats, Noise, Points, Recording
 
 SIGMA = 1.5e-3
@@ -54,6 +55,30 @@ def test_a_points_own_covariance_counts() -> None:
     grid = grid_of(made, np.ones(len(values), dtype=bool))
     white = Whitener(grid, noise, covariance)(values)
     assert np.sum(white**2) == pytest.approx(np.sum(values**2 / [1e-6, 4e-6, 9e-6]), rel=1e-10)
+
+
+@pytest.mark.parametrize("planar", [None, "xz"])
+def test_what_lasts_in_a_named_camera_is_whitened_too(planar: str | None) -> None:
+    """Exact likewise, and what frames alone would average away is not surer than one point."""
+    noise = Noise(SIGMA, 1.2, 0.8)
+    made, values = noisy(noise, 8, 7, 0.15)
+    seen = replace(made, world_from_camera=np.eye(4), noise=noise, planar=planar)
+    used = np.ones(len(values), dtype=bool)
+    grid = grid_of(seen, used)
+    assert lasting(made, used, grid, None) is lasting(replace(seen, noise=None), used, grid, None) is None
+    errors = lasting(seen, used, grid, None)
+    assert errors is not None
+    values = values[:, [0, 2]] if planar else values
+    lags = [np.abs(np.subtract.outer(places, places)) for places in (grid.frame[grid.row], grid.column)]
+    axes = np.eye(values.shape[1])
+    dense = np.kron(SIGMA**2 * np.exp(-lags[0] / 0.8 - lags[1] / 1.2), axes)
+    flat = errors.reshape(values.size, -1)
+    always = np.kron(SIGMA**2 * np.exp(-lags[1] / 1.2), axes)
+    assert np.all(np.diag(flat @ flat.T - always) > SIGMA**2 - 1e-12)
+    expected = values.ravel() @ np.linalg.inv(dense + flat @ flat.T) @ values.ravel()
+    whitener = Whitener(grid, noise, None, errors)
+    assert np.sum(whitener(values) ** 2) == pytest.approx(expected, rel=1e-10)
+    assert np.sum(whitener(np.full(values.shape, SIGMA)) ** 2) < values.shape[1]
 
 
 @pytest.mark.parametrize(("points", "frames"), [(0.0, 0.0), (0.7, 0.7), (1.5, 1.5)])

@@ -10,13 +10,11 @@ from sim.ropes import EI
 from dlolib.diagnose import fitting, tasks
 from dlolib.diagnose import study as study_module
 from dlolib.diagnose.diagnose import raw_study
-from dlolib.diagnose.nuisances import lasting
 from dlolib.diagnose.search import backed, baseline
 from dlolib.diagnose.study import acting_only, library
 from dlolib.identify.identify import FIRST_STIFFNESS_M4_S2
 from dlolib.identify.parameters import Unknown
 from dlolib.sim.effects import rest_curvature
-from dlolib.types import Noise
 
 
 @pytest.fixture(scope="module")
@@ -91,13 +89,3 @@ def test_one_pose_cannot_tell_an_uneven_set(study, monkeypatch):
     assert uneven in library(study, ())
     monkeypatch.setattr(study_module, "poses", lambda model: 1)
     assert uneven not in library(study, ()) and ("rest_curvature", ("kappa_1",)) in library(study, ())
-
-
-def test_a_camera_that_is_named_is_off_by_as_much_as_its_noise():
-    plain = made({})
-    seen = replace(plain, world_from_camera=np.eye(4), noise=Noise(2e-4, 1.0, 1.0))
-    assert lasting([plain]) == lasting([replace(plain, world_from_camera=np.eye(4), noise=None)]) == {}
-    found = lasting([plain, seen])
-    assert {u.recording for u in found} == {1} and len(found) == 6
-    assert found[Unknown("camera_pose.shift_1", 1)] == 2e-4
-    assert found[Unknown("camera_pose.rotation_3", 1)] * plain.rope.length_m == pytest.approx(2e-4)

@@ -11,8 +11,8 @@ from sim.test_recording import recording
 
 from dlolib.formats import read_fit, read_recording
 from dlolib.identify import DescentSettings, IdentifySettings, descend, identify, write_identified
+from dlolib.sim.continuum import simulated
 from dlolib.sim.iterative import alpha_b_from_stiffness, stiffness_from_alpha_b
-from dlolib.sim.recording import simulated
 from dlolib.sim.rod import Rod
 
 WIRES = Path("data/wires")

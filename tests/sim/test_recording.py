@@ -8,8 +8,9 @@ from sim.ropes import EI, GJ, GRAVITY, LEVEL, ROPE, swing
 
 from dlolib.errors import ParameterError
 from dlolib.identify import IdentifySettings, identify
+from dlolib.sim.continuum import simulated
 from dlolib.sim.poses import PosesModel, model_of
-from dlolib.sim.recording import RecordingModel, simulated
+from dlolib.sim.recording import RecordingModel
 from dlolib.sim.rod import Rod
 from dlolib.types import Ends, Motion, Points, Recording
 
@@ -26,7 +27,7 @@ def recording(quasi_static: bool = True) -> Recording:
     s = np.tile(np.linspace(0.01, 0.43, SEEN), FRAMES)
     points = Points(frame, 1.0 + 0.93 * frame, s, np.zeros((len(s), 3)))
     made = Recording("made", ROPE, GRAVITY, Ends(), motion, points, quasi_static=quasi_static)
-    return simulated(made, Rod(ROPE, EI, GJ, particles=121))
+    return simulated(made, Rod(ROPE, EI, GJ, particles=481))
 
 
 def test_planted_stiffnesses_are_found() -> None:

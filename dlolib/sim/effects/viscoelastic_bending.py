@@ -18,10 +18,10 @@ PARAMETERS = (
         "s",
         "time in which the branch's moment falls to 1/e",
         5.0,
-        0.02,
+        0.002,
         500.0,
         0.5,
-        (1.0, 6.0, 30.0),
+        (0.05, 1.0, 6.0, 30.0),
     ),
 )
 IDEAL = True
