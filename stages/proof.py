@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import secrets
 import shlex
 import shutil
@@ -41,7 +42,7 @@ BOOK = REPORTS / "proof"
 COMMAND = "dlo diagnose {recording} --out {out} --workers 1"
 FILES = ("recording.json", "motion.csv", "points.csv")
 KEPT = ("verdict.json", "next_motion.csv")
-WORKERS, LIMIT_S = 2, 1800
+WORKERS, LIMIT_S = os.cpu_count() or 1, 1800
 CALIBRATION_NULLS, CALIBRATION_SIZE = 12, 3.0
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from dlolib.diagnose.fitting import Fitted
 from dlolib.diagnose.residuals import amiss, explains
-from dlolib.diagnose.study import DiagnoseSettings, Study, abrupt, library
+from dlolib.diagnose.study import DiagnoseSettings, Study, abrupt, library, stiffens
 from dlolib.diagnose.tasks import (
     Task,
     Terms,
@@ -190,7 +190,8 @@ def _parts(study: Study, models: Models, size: int, tie: float) -> list[Effects]
 
 def _partners(study: Study, fewer: Fitted, settings: DiagnoseSettings, run: Workers) -> list[Fitted]:
     """Every other effect beside those of a model: screened by a linear step, the promising ones fitted, and
-    those of which none tells."""
+    those of which none tells: what sets in past a threshold, and what promises something at a rope too stiff
+    for want of it."""
     hints = hints_of(study, fewer)
     have = terms_of(fewer)
     tasks = [
@@ -207,7 +208,7 @@ def _partners(study: Study, fewer: Fitted, settings: DiagnoseSettings, run: Work
     kept = [
         task
         for task, name, gain in zip(tasks, added, gains, strict=True)
-        if abrupt(name) or (name in first and gain > PROMISING)
+        if abrupt(name) or (gain > PROMISING and (name in first or stiffens(name)))
     ]
     return _refined(study, run(fit_first, kept, f"fits beside {beside}"), fewer, run, f"beside {beside}")
 

@@ -195,7 +195,7 @@ class Study:
     def softer(self, point: Point, effect: str) -> list[dict[Unknown, float]]:
         """Stiffnesses in the place of a point's, where a fit with one more effect may begin: none first, then
         softer ones where the point is rigid, or stiff for want of that effect."""
-        stiff = self.rigid(point) or getattr(EFFECTS[effect], "STIFFENS", False)
+        stiff = self.rigid(point) or stiffens(effect)
         eis = [share * self._weight for share in BENT_BY_WEIGHT if stiff]
         eis = [ei for ei in eis if ei < point[Unknown("bending_stiffness")]]
         return [{}, *({Unknown(name): ei for name in self.stiffnesses} for ei in eis)]
@@ -289,6 +289,11 @@ def ideal(effect: str) -> bool:
 def abrupt(effect: str) -> bool:
     """Whether it sets in past a threshold."""
     return getattr(EFFECTS[effect], "ABRUPT", False)
+
+
+def stiffens(effect: str) -> bool:
+    """Whether a rope comes out too stiff without it."""
+    return getattr(EFFECTS[effect], "STIFFENS", False)
 
 
 def library(

@@ -219,8 +219,9 @@ def _discretise(scene: Scene, clock: Clock) -> Discrete:
     step_s = _step_s(clock)
     if scene.joints[..., LAWS:].any() or not scene.symmetric or scene.grips.any():
         raise ParameterError(
-            "the iterative solver knows no law of bending, no friction and no clamp that gives way",
-            mend="take the direct solver for these effects",
+            "the iterative solver knows no law of bending, no friction, no clamp that gives way and none of "
+            "unmeasured roll",
+            mend="take the direct solver",
         )
     clamped = scene.clamped.astype(bool)
     # implicit drag makes a particle heavier and holds it where it was

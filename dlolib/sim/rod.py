@@ -134,16 +134,17 @@ def setup(
     contacts = np.empty((contact_points(n), 2))
     contacts[:, 0] = contact * particle_lengths(length, len(contacts))
     contacts[:, 1] = rod.rope.radius_m
+    joints = _joints(rod, clamped)
     made = Setup(
         rope=rod.rope, ends=ends, gravity_m_s2=gravity, arc_m=arc,
-        joints=_joints(rod, ends, clamped), segments=segments, particles=particles, contacts=contacts,
+        joints=joints, segments=segments, particles=particles, contacts=contacts,
         obstacles=shapes.pack(obstacles) if obstacles else np.zeros((0, shapes.WIDTH)),
-        grips=np.zeros((2, 3)), weight=weight, moving=moving,
+        grips=_grips(joints, ends, clamped), weight=weight, moving=moving,
     )  # fmt: skip
     return applied(made, rod.effects)
 
 
-def _joints(rod: Rod, ends: Ends, clamped: np.ndarray) -> Floats:
+def _joints(rod: Rod, clamped: np.ndarray) -> Floats:
     n = rod.particles
     joints = np.zeros((n, JOINT_WIDTH))
     joints[:, STIFFNESS:REST] = (rod.bending_stiffness, rod.bending_stiffness, rod.torsional_stiffness)
@@ -157,17 +158,26 @@ def _joints(rod: Rod, ends: Ends, clamped: np.ndarray) -> Floats:
         if values is not None:
             joints[:, columns] = 1.0 / mean_compliance(values, length, low, high)[:, None]
     joints[[0, -1], STIFFNESS:REST] *= clamped[:, None]
-    # an unmeasured roll carries next to no twist
-    joints[0, REST - 1] *= 1.0 if ends.start_roll_known else FREE_ROLL
-    joints[-1, REST - 1] *= 1.0 if ends.end_roll_known else FREE_ROLL
     joints[:, LENGTH] = rod.rope.length_m / (n - 1)
     joints[[0, -1], LENGTH] /= 2
     joints[:, UNIFORM] = rod.bending_stiffness
     return joints
 
 
-# Where a clamp's roll was not measured it carries this share of the torsional stiffness.
-FREE_ROLL = 1e-6
+# A clamp whose roll was not measured holds the rope's direction alone: it is so many times stiffer in bending
+# than the half segment beside it, and has this share of its stiffness in twist, so that something holds it.
+DIRECTION_HELD, FREE_ROLL = 1e3, 1e-6
+
+
+def _grips(joints: Floats, ends: Ends, clamped: np.ndarray) -> Floats:
+    """Clamps that turn with the rope about its axis. As a joint that carries no twist they would bend the
+    rope: a rotation vector's bending parts depend on how far it is twisted."""
+    grips = np.zeros((2, 3))
+    for end, known in enumerate((ends.start_roll_known, ends.end_roll_known)):
+        if clamped[end] and not known:
+            bend, twist = joints[-end, [STIFFNESS, REST - 1]] / joints[-end, LENGTH]
+            grips[end] = (DIRECTION_HELD * bend, DIRECTION_HELD * bend, FREE_ROLL * twist)
+    return grips
 
 
 def _penalties(rod: Rod, gravity: Floats) -> tuple[float, float]:

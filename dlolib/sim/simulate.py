@@ -16,8 +16,9 @@ from dlolib.types import Floats
 TOLERANCE = 1e-8
 MOST_ITERATIONS = 1000
 # Damped motion to an equilibrium: steps of one length, the first and last length [s], how often at most, and
-# how much longer each time.
-RELAXING, RELAXING_S, MOST_RELAXING, LONGER = 5, (0.01, 10.0), 16, 3.0
+# how much longer each time. A step that takes more iterations is better made shorter.
+RELAXING, RELAXING_S, MOST_RELAXING, LONGER = 5, (0.01, 10.0), 100, 3.0
+RELAXING_ITERATIONS = 300
 # A rope that snaps more often than this is on the edge of two shapes all the way.
 MOST_SNAPS = 4
 # A rope that is held this share longer than it is would tear; one that may stretch, this many times further
@@ -153,7 +154,7 @@ def relax(scene: Scene, state: State, path: Path, fresh: bool = False) -> Rollou
     step_s = RELAXING_S[0]
     for _ in range(MOST_RELAXING):
         clock = Clock(step_s, momentum=0.0, fresh=fresh)
-        moved, status = _launch(scene, state, path.still(RELAXING), clock)
+        moved, status = _launch(scene, state, path.still(RELAXING), clock, RELAXING_ITERATIONS)
         if status.any():
             step_s /= 4
             continue
@@ -170,7 +171,9 @@ def relax(scene: Scene, state: State, path: Path, fresh: bool = False) -> Rollou
     )
 
 
-def _launch(scene: Scene, state: State, path: Path, clock: Clock) -> tuple[Rollout, np.ndarray]:
+def _launch(
+    scene: Scene, state: State, path: Path, clock: Clock, most_iterations: int | None = None
+) -> tuple[Rollout, np.ndarray]:
     """The kernel's roll-out, and what became of every step (B, T)."""
     ropes, n = state.x.shape[:2]
     count = path.x.shape[1]
@@ -182,16 +185,16 @@ def _launch(scene: Scene, state: State, path: Path, clock: Clock) -> tuple[Rollo
         past[:, 0] = state.past
     if state.slip is not None:
         slip[:, 0] = state.slip
-    status, iterations = np.zeros((ropes, count), np.int32), np.zeros((ropes, count), np.int32)
-    before = np.ascontiguousarray(state.before)
+    status, taken = np.zeros((ropes, count), np.int32), np.zeros((ropes, count), np.int32)
+    before, most = np.ascontiguousarray(state.before), most_iterations or MOST_ITERATIONS
     direct.roll_out(
         _plain(scene), x, q, before, past, slip, sliding, np.ascontiguousarray(path.x),
         np.ascontiguousarray(path.q), steps_of(path, clock), *scene.arrays(), *clock.flags,
-        int(scene.symmetric), TOLERANCE, MOST_ITERATIONS, *(banded(ropes, n) for _ in range(2)),
+        int(scene.symmetric), TOLERANCE, most, *(banded(ropes, n) for _ in range(2)),
         columns(ropes, 2, n), np.zeros((ropes, 7, scene.slips)),
-        *(np.empty((ropes, n, 3)) for _ in range(2)), np.empty((ropes, n + 1, 4)), status, iterations,
+        *(np.empty((ropes, n, 3)) for _ in range(2)), np.empty((ropes, n + 1, 4)), status, taken,
     )  # fmt: skip
-    return Rollout(scene, clock, path, before, x, q, past, slip, sliding, iterations), status
+    return Rollout(scene, clock, path, before, x, q, past, slip, sliding, taken), status
 
 
 def _snap(rollout: Rollout, status: np.ndarray, rope: int) -> None:

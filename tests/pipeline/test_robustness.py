@@ -32,9 +32,16 @@ def test_every_roll_out_is_solved_or_refused_by_name() -> None:
 
 def test_what_is_refused_says_where_and_why(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(simulate, "MOST_ITERATIONS", 2)
+    monkeypatch.setattr(simulate, "MOST_RELAXING", 1)
     drawn = scene_of_number(0)
     with pytest.raises(SimulationError, match="before the first step: rope 0 does not come to rest; "):
         _begun(drawn)
+
+
+@pytest.mark.parametrize("number", [263, 832])  # free of contact, and with friction
+def test_a_soft_rope_comes_to_rest_however_often_its_steps_must_be_shortened(number: int) -> None:
+    begun = _begun(scene_of_number(number))
+    assert np.isfinite(begun.x).all() and np.array_equal(begun.x, begun.before)
 
 
 def test_a_rope_that_snaps_is_followed() -> None:
