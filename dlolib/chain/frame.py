@@ -85,6 +85,8 @@ def chain_frame(
     if share < settings.min_seen:
         raise _no_rope(frame, f"only {share:.0%} of the rope is seen")
     s_m, points, pixel = greedy_chain(axis, whole / (settings.points - 1), settings.points)
+    if not len(s_m):
+        raise _no_rope(frame, "what is long and narrow in it is too short for a chain's spacing")
     scatter = float(np.median([strand.sigma_m for strand in strands]))
     return FrameChain(
         frame.frame,

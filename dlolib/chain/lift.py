@@ -158,23 +158,25 @@ def _read_depth(
     pitch = float(np.median(depth)) / view.focal
     slant = np.ones(len(grid))
     axis = depth
-    own = ~beside[sample]
-    if np.count_nonzero(own) < 4:
-        own = np.ones(len(sample), dtype=np.bool_)
+    # at its ends the outline runs across the rope: what hides it there mixes into the last readings, too
+    inner = _enough((sample >= settings.edge_px) & (sample < len(grid) - settings.edge_px))
+    own = _enough(inner & ~beside[sample])
     curve = _medians(sample[own], depth[own], len(grid), max(settings.smooth_m / pitch, 3.0))
     for turn in range(PASSES):
         behind = np.sqrt(np.maximum(radius_m**2 - (across * pitch) ** 2, 0.0))
         ray = np.linalg.norm(cloud / depth[:, None], axis=1)
         axis = depth + behind / slant[sample] / ray
-        counting = own if turn == 0 else np.ones_like(own)
-        curve, sigma, kept = _robust(sample, axis, curve, counting, settings.smooth_m / pitch)
+        counting = own if turn == 0 else inner
+        curve, sigma, near = _robust(sample, axis, curve, counting, settings.smooth_m / pitch)
         slant = _slant(view.space(grid, curve))
     reach = max(round(0.5 * settings.bridge_m / pitch), 1)
-    count = np.bincount(sample[kept], minlength=len(grid))
-    count[beside & ~both_sides(sample[kept], across[kept], len(grid))] = 0
+    count = np.bincount(sample[near], minlength=len(grid))
+    unclear = beside & ~both_sides(sample[near], across[near], len(grid))
+    count[unclear] = 0
     left = None
     if settings.covariance:
-        left = sigma * noise_gain(count.astype(np.float64), settings.smooth_m / pitch)
+        read = np.bincount(sample[near & inner], minlength=len(grid)) * ~unclear
+        left = sigma * noise_gain(read.astype(np.float64), settings.smooth_m / pitch)
     return Strand(grid, view.space(grid, curve), bridged(count > 0, beside, reach), sigma, left)
 
 
@@ -201,14 +203,21 @@ def _robust(
     counting: NDArray[np.bool_],
     half_wave: float,
 ) -> tuple[Floats, float, NDArray[np.bool_]]:
-    """Smooth the readings near the last curve (N,): the new curve, their scatter [m], which they were."""
+    """Smooth the readings near the last curve (N,) that count: the new curve, their scatter [m], and which of
+    all are near."""
     rest = axis - curve[sample]
     rest = rest - np.median(rest[counting])
     sigma = max(1.4826 * float(np.median(np.abs(rest[counting]))), SMALLEST_SIGMA_M)
-    kept = counting & (np.abs(rest) <= 3 * sigma)
+    near = np.abs(rest) <= 3 * sigma
+    kept = near & counting
     weights = np.bincount(sample[kept], minlength=len(curve)).astype(np.float64)
     sums = np.bincount(sample[kept], axis[kept], minlength=len(curve))
-    return whittaker(sums / np.maximum(weights, 1), weights, half_wave), sigma, kept
+    return whittaker(sums / np.maximum(weights, 1), weights, half_wave), sigma, near
+
+
+def _enough(some: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """These readings if they tell a line, else all of them."""
+    return some if np.count_nonzero(some) >= 4 else np.ones_like(some)
 
 
 def _slant(points: Floats) -> Floats:

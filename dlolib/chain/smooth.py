@@ -9,6 +9,8 @@ from scipy.special import binom
 from dlolib.types import Floats
 
 ORDER = 3
+# Beyond its outermost readings a curve goes straight on for this share of half a wave, then stays.
+STRAIGHT_ON = 0.15
 
 
 def whittaker(readings: Floats, weights: Floats, half_wave: float) -> Floats:
@@ -30,8 +32,13 @@ def whittaker(readings: Floats, weights: Floats, half_wave: float) -> Floats:
     smooth = solveh_banded(banded, trend, check_finite=False)
     read = np.flatnonzero(weights > 0)
     if len(read):
-        # Beyond the outermost readings the smoother would go on in a parabola.
-        smooth[: read[0]], smooth[read[-1] + 1 :] = smooth[read[0]], smooth[read[-1]]
+        # Beyond the outermost readings it would go on in a parabola.
+        first, last = read[0], read[-1]
+        most = min(STRAIGHT_ON * half_wave, 0.5 * (last - first))
+        slope = np.gradient(smooth[first : last + 1], axis=0) if last > first else np.zeros_like(smooth[:1])
+        inner = np.clip(np.arange(count), first, last)
+        beyond = np.clip(np.arange(count) - inner, -most, most)
+        smooth = smooth[inner] + beyond[:, None] * slope[inner - first]
     return np.asarray(smooth.reshape(readings.shape), dtype=np.float64)
 
 

@@ -16,9 +16,12 @@ from dlolib.types import Camera, Floats
 WIDTH, HEIGHT, FOCAL_PX, CENTER_PX = 640, 576, 504.0, (320.0, 288.0)
 DEPTH_SCALE = 1000.0
 NOISE_DISTANCE_M = 0.7
-# A pixel gathers 3 x 3 rays half a pixel apart: an edge is mixed over 1.5 px.
-RAYS = 3
-EDGE_STEP_M = 0.008
+# A pixel gathers what is there over 1.5 px: 3 x 3 rays where all see the same, 7 x 7 where they do not, each
+# of these in a row and a column of its own. Rays half a pixel apart would put an edge along a row of pixels a
+# tenth of a pixel wrong, the same in every frame.
+SPREAD_PX, RAYS, FINE_RAYS = 1.5, 3, 7
+SAME = 1e-3
+EDGE_STEP_M, FAR_M = 0.008, 100.0
 BIAS_PX = 100.0
 LIGHT = np.array([-0.35, -0.8, 0.5]) / np.linalg.norm([-0.35, -0.8, 0.5])
 AMBIENT, COLOR_NOISE = 0.35, 2.0
@@ -61,29 +64,50 @@ def render(
         sensor: with which errors.
         frame: number of the frame, which seeds its noise together with the sensor's seed.
     """
-    depth, shade = _cast(scene, camera)
     rng = np.random.default_rng([sensor.seed, frame])
-    seen = np.isfinite(depth)
-    near = np.where(seen, depth, 0.0)
-    share = _gather(seen.astype(float))
-    mixed = _gather(near) / np.maximum(share, 1e-9)
-    step = _edges(depth)
+    share, mixed, step, bright = _gathered(scene, camera)
     noisy = mixed + _bias(camera, sensor) + _noise(mixed, sensor, rng)
     lost = (step > EDGE_STEP_M) & (rng.random(mixed.shape) < sensor.edge_loss)
     units = np.rint(noisy * float(camera.depth_scale or DEPTH_SCALE))
     units[lost | (share < 0.5)] = 0
-    bright = 255 * np.stack([_gather(channel) for channel in np.moveaxis(shade, -1, 0)], axis=-1)
     light = 1 - scene.dim * np.linspace(0, 1, mixed.shape[1])[:, None]
-    level = light * bright + rng.normal(0, COLOR_NOISE, (*mixed.shape, 3))
+    level = 255 * light * bright + rng.normal(0, COLOR_NOISE, (*mixed.shape, 3))
     return np.clip(np.rint(level), 0, 255).astype(np.uint8), np.clip(units, 0, 65535).astype(np.uint16)
 
 
-def _cast(scene: Scene, camera: Camera) -> tuple[Floats, Floats]:
-    """Depth [m] (2H + 1, 2W + 1), infinite where nothing is, and brightness (.., 3), half a pixel apart."""
-    assert camera.width and camera.height and camera.fx and camera.fy
-    columns = np.arange(2 * camera.width + 1) / 2 - 0.5
-    rows = np.arange(2 * camera.height + 1) / 2 - 0.5
-    x, y = np.meshgrid((columns - (camera.cx or 0)) / camera.fx, (rows - (camera.cy or 0)) / camera.fy)
+def _gathered(scene: Scene, camera: Camera) -> tuple[Floats, Floats, Floats, Floats]:
+    """Of each pixel (H, W): the share that sees something, its mean depth and its largest step of depth [m],
+    where nothing counts as very far; and the mean brightness (H, W, 3)."""
+    assert camera.width and camera.height
+    columns, rows = (np.arange(2 * size + 1) / 2 - 0.5 for size in (camera.width, camera.height))
+    depth, shade = _cast(scene, camera, *np.meshgrid(columns, rows))
+    seen = np.isfinite(depth)
+    share = _mean(seen.astype(float))
+    mixed = _mean(np.where(seen, depth, 0.0)) / np.maximum(share, 1e-9)
+    step = _range(np.where(seen, depth, FAR_M))
+    bright = np.stack([_mean(channel) for channel in np.moveaxis(shade, -1, 0)], axis=-1)
+    uneven = maximum_filter((step > EDGE_STEP_M) | (_range(shade.max(axis=-1)) > SAME), RAYS)
+    row, column = np.nonzero(uneven)
+    x, y = _spread()
+    depth, shade = _cast(scene, camera, column[:, None] + x, row[:, None] + y)
+    seen = np.isfinite(depth)
+    share[uneven], bright[uneven] = seen.mean(axis=1), shade.mean(axis=1)
+    mixed[uneven] = np.where(seen, depth, 0.0).sum(axis=1) / np.maximum(seen.sum(axis=1), 1)
+    return share, mixed, step, bright
+
+
+def _spread() -> tuple[Floats, Floats]:
+    """Places [px] (49,) about a pixel's middle: a square grid, turned by a step from end to end."""
+    grid = np.arange(FINE_RAYS) - (FINE_RAYS - 1) / 2
+    x, y = (part.ravel() for part in np.meshgrid(grid, grid))
+    step = SPREAD_PX / FINE_RAYS
+    return step * (x + y / FINE_RAYS), step * (y - x / FINE_RAYS)
+
+
+def _cast(scene: Scene, camera: Camera, column: Floats, row: Floats) -> tuple[Floats, Floats]:
+    """Depth [m], infinite where nothing is, and brightness (.., 3) of rays through these places [px]."""
+    assert camera.fx and camera.fy
+    x, y = (column - (camera.cx or 0)) / camera.fx, (row - (camera.cy or 0)) / camera.fy
     pose = camera.world_from_camera
     # Directions have depth 1 along the viewing axis, so the distance along a ray is the depth.
     direction = np.stack([x, y, np.ones_like(x)], axis=-1) @ pose[:3, :3].T
@@ -98,15 +122,14 @@ def _cast(scene: Scene, camera: Camera) -> tuple[Floats, Floats]:
     return depth, shade
 
 
-def _gather(fine: Floats) -> Floats:
+def _mean(rays: Floats) -> Floats:
     """Each pixel's mean over its 3 x 3 rays, (H, W)."""
-    return np.asarray(uniform_filter(fine, RAYS)[1::2, 1::2])
+    return np.asarray(uniform_filter(rays, RAYS)[1::2, 1::2])
 
 
-def _edges(fine: Floats) -> Floats:
-    """Largest difference of depth within each pixel's rays [m], (H, W); nothing counts as very far."""
-    known = np.where(np.isfinite(fine), fine, 100.0)
-    return np.asarray((maximum_filter(known, RAYS) - minimum_filter(known, RAYS))[1::2, 1::2])
+def _range(rays: Floats) -> Floats:
+    """How far each pixel's 3 x 3 rays are apart, (H, W)."""
+    return np.asarray((maximum_filter(rays, RAYS) - minimum_filter(rays, RAYS))[1::2, 1::2])
 
 
 def _noise(depth: Floats, sensor: Sensor, rng: np.random.Generator) -> Floats:

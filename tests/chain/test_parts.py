@@ -116,6 +116,16 @@ def test_the_smoother_keeps_curvature_to_its_ends_and_takes_noise_away() -> None
     assert np.std(whittaker(noisy, np.ones(301), 20) - parabola) < 0.35
 
 
+def test_the_smoother_goes_straight_on_past_its_outermost_readings_and_then_stays() -> None:
+    at = np.arange(101.0)
+    weights = np.zeros(101)
+    weights[10:91] = 1
+    smooth = whittaker(np.where(weights > 0, 0.5 * at, 99.0), weights, 20)
+    np.testing.assert_allclose(smooth[7:94], 0.5 * at[7:94], atol=1e-6)
+    np.testing.assert_allclose(smooth[:7], 3.5, atol=1e-6)
+    np.testing.assert_allclose(smooth[94:], 46.5, atol=1e-6)
+
+
 def test_the_smoother_bridges_readings_without_weight() -> None:
     at = np.linspace(-1, 1, 301)
     weights = np.ones(301)

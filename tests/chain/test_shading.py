@@ -89,3 +89,15 @@ def test_without_levels_lines_stay_as_they_are() -> None:
     line = centre_guess()
     (same,), _ = shaded_middles([line], [np.full(70, RADIUS)], True, view, 10.0)
     np.testing.assert_array_equal(same, line)
+
+
+def test_how_sharp_the_camera_is_does_not_move_the_middle() -> None:
+    """The light from one side moves the middle by what the blur is off: it must not jump between steps."""
+    found = []
+    for blur in np.linspace(0.4, 0.9, 11):
+        view = viewed(picture(0.3, (12.0, 12.0), blur))
+        column = np.arange(4.0, 76.0)
+        line = np.stack([column, ROW + SLOPE * column], axis=-1)
+        lines, _ = shaded_middles([line], [np.full(len(line), RADIUS)], True, view, 8.0)
+        found.append(float(np.mean(lines[0][:, 1] - ROW - SLOPE * lines[0][:, 0])))
+    assert np.ptp(found) < 0.04

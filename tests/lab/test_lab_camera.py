@@ -120,3 +120,22 @@ def test_the_gripper_hides_what_is_behind_it() -> None:
     front = project(np.array([[0.43, -0.015, 0.0]]))[2][0]
     assert color[at].max() < 60
     assert abs(depth[at] / 1000 - front) < 2e-3
+
+
+def test_a_pixel_on_an_edge_is_as_bright_as_the_share_of_it_that_is_covered() -> None:
+    front = np.eye(4)
+    front[:3, :3] = [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
+    front[:3, 3] = [0.2, -0.7, 0.0]
+    camera = replace(CAMERA, world_from_camera=front)
+    start, end = (Pose(point, np.array(ALONG_X)) for point in STRAIGHT[[0, -1]])
+    rows = np.arange(284, 293)
+    for edge_px in np.linspace(288, 289, 9):
+        # the upper edge of a box that the camera looks straight at, along a row of pixels
+        top = -(edge_px - 288) * 0.6 / 504
+        size = np.array([0.2, 0.002, 0.04])
+        values = {"center_m": (0.2, -0.099, top - 0.02), "quaternion": (1.0, 0, 0, 0), "size_m": size}
+        scene = build_scene(STRAIGHT + np.array([0, 0, 0.1]), 0.004, start, end, (Obstacle("box", values),))
+        level = render(scene, camera, EXACT, 0)[0][rows, 240:400, 0].mean(axis=1)
+        covered = (level - level[0]) / (level[-1] - level[0])
+        true = np.clip((rows + 0.75 - edge_px) / 1.5, 0, 1)
+        assert np.abs(covered - true).max() < 0.03
