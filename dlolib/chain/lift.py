@@ -145,9 +145,10 @@ def _read_depth(
     """Fit a smooth depth along a line (N, 2) to the readings in the middle of its sections.
 
     Each reading is carried from the skin to the axis first. Along the viewing ray the axis lies behind
-    the skin by √(r² - b²) / sin γ, where b is the reading's distance from the middle of the section and
-    γ the angle between ray and rope. γ comes from the curve of the pass before. Where two strands meet in
-    the image the readings are those of the nearer one: they count only once a curve without them agrees.
+    the skin by √(r² - b²) / sin γ, where b² is the mean square of what the reading sees from the middle of
+    the section and γ the angle between ray and rope. γ comes from the curve of the pass before. Where two
+    strands meet in the image the readings are those of the nearer one: they count only once a curve without
+    them agrees.
     """
     interior = max(min(0.5 * width - settings.edge_px, 0.5 * INTERIOR_SHARE * width), 0.6)
     middle = np.abs(sections.across) <= interior
@@ -162,8 +163,10 @@ def _read_depth(
     inner = _enough((sample >= settings.edge_px) & (sample < len(grid) - settings.edge_px))
     own = _enough(inner & ~beside[sample])
     curve = _medians(sample[own], depth[own], len(grid), max(settings.smooth_m / pitch, 3.0))
+    # a reading is the mean over what mixes in it, and lies behind the skin of a round body in its middle
+    blur_m2 = (settings.edge_px * pitch) ** 2 / 12
     for turn in range(PASSES):
-        behind = np.sqrt(np.maximum(radius_m**2 - (across * pitch) ** 2, 0.0))
+        behind = np.sqrt(np.maximum(radius_m**2 - (across * pitch) ** 2 - blur_m2, 0.0))
         ray = np.linalg.norm(cloud / depth[:, None], axis=1)
         axis = depth + behind / slant[sample] / ray
         counting = own if turn == 0 else inner
