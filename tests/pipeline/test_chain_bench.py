@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dlolib.chain import FrameChain
+from dlolib.chain import ChainSettings, FrameChain, chain_frame
+from dlolib.lab.camera import Sensor
 from dlolib.types import Floats
 from stages.chain_score import score
-from stages.chain_views import CASES, LENGTH_M
+from stages.chain_views import CASES, LENGTH_M, Case, takes
 
 S = np.arange(0, LENGTH_M, 0.0005)
 AXIS = np.stack([S, 0 * S, 0.05 * np.sin(10 * S)], axis=-1)
@@ -60,3 +61,14 @@ def test_every_condition_of_the_table_has_a_case() -> None:
     names = {case.name for case in CASES}
     plain = {"clear", "clear_bias", "thin_4mm", "thick_16mm", "table", "far", "coloured", "uneven_light"}
     assert plain | {"pillar", "gripper", "crossing", "start_out_of_frame", "end_out_of_frame"} <= names
+
+
+def test_without_noise_the_depth_is_that_of_the_axis_up_to_the_clamps() -> None:
+    deep = []
+    for shot in takes(Case("exact", sensor=Sensor(noise_m=0.0, edge_loss=0.0)), 3):
+        found = chain_frame(shot.frame, shot.index, ChainSettings())
+        true = np.stack([np.interp(found.s_m, shot.s_m, shot.axis_m[:, k]) for k in range(3)], axis=-1)
+        deep.append((found.xyz_m - true) @ shot.index.camera.world_from_camera[:3, 2])
+    assert abs(np.mean(deep)) < 2e-5
+    # what the clamp mixes into the last readings would pull them forward
+    assert np.abs(np.array(deep)[:, [0, -1]]).max() < 1.5e-4
