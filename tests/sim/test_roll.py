@@ -11,6 +11,8 @@ from dlolib.sim.recording import RecordingModel
 from dlolib.sim.rod import Rod
 from dlolib.types import Ends, Floats, Motion, Points, Recording
 
+# Between level clamps a set that is the same all along has two shapes, each stable, and the roll with which a
+# rope begins decides between them; an uneven one has one.
 SET = {"rest_curvature.wave_1_2": 3.0, "rest_curvature.wave_2_1": 1.0}
 UNMEASURED = Ends(start_roll_known=False, end_roll_known=False)
 
@@ -67,4 +69,4 @@ def test_derivatives_hold_where_the_roll_is_free(name: str, quasi_static: bool) 
     step = 1e-4 * max(abs(rod.value(name)), 0.1 * (name != "bending_stiffness"))
     sides = [model.predict(rod.with_values({name: rod.value(name) + k * step})).xyz_m for k in (-2, -1, 1, 2)]
     true = (sides[0] - 8 * sides[1] + 8 * sides[2] - sides[3]) / (12 * step)
-    assert found == pytest.approx(true, rel=1e-5, abs=1e-5 * np.abs(true).max())
+    assert found == pytest.approx(true, rel=1e-6, abs=1e-6 * np.abs(true).max())
