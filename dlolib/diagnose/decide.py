@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -17,6 +17,8 @@ Status = Literal["no_mismatch", "explained", "ambiguous", "unexplained"]
 # Slow residuals this unlikely are a mismatch even where no effect takes them up.
 ALARMING = 1e-5
 MOST_TIED = 3
+# So many of the best models are compared on held-out motion, whatever was decided; a figure shows as many.
+COMPARED = 10
 # What an ideal law leaves because the rope's is of another form, as a share of what it explains, at most.
 OFF = 0.01
 # Another ideal law in place of the rope's may explain more than that itself, by this share at most.
@@ -51,12 +53,35 @@ def decide(
         return Decision("unexplained" if slow.p_value < ALARMING else "no_mismatch", base)
     if best.effects in refuted or not explains(best, base):
         return Decision("unexplained", best, refuted=best.effects in refuted)
-    tie = [one for one in models if one.bic(frames) < best.bic(frames) + _margin(one, best, base, settings)]
-    tie = [one for one in tie if one is best or not set(best.effects) < set(one.effects)]
-    tie = [one for one in tie if one.effects not in refuted][:MOST_TIED]
+    tie = [one for one in _tied(study, models, base, settings) if one.effects not in refuted][:MOST_TIED]
     if len(tie) > 1:
         return Decision("ambiguous", best, tuple(tie))
     return Decision("explained", best)
+
+
+def contenders(study: Study, searched: Searched, settings: DiagnoseSettings) -> list[Fitted]:
+    """The models to be compared on held-out motion: the elastic rod, those that may win or tie, the wrong one
+    of the winner's size, and the best others. A roll-out on two meshes each is dear."""
+    base, earned = searched.baseline, [one for one in searched.models if _earned(one, searched, settings)]
+    wrong = wrong_same_size(searched.models, decide(study, searched, settings))
+    some = [base, *searched.models[:COMPARED], *_tied(study, earned, base, settings)]
+    return list({one.effects: one for one in (*some, wrong) if one is not None}.values())
+
+
+def wrong_same_size(models: Sequence[Fitted], decision: Decision) -> Fitted | None:
+    """The best model with as many parameters as the winner that is not of the tie."""
+    right = {one.effects for one in (decision.tie or (decision.winner,))}
+    many = decision.winner.parameters
+    return next((m for m in models if m.effects and m.effects not in right and m.parameters == many), None)
+
+
+def _tied(study: Study, models: Sequence[Fitted], base: Fitted, settings: DiagnoseSettings) -> list[Fitted]:
+    """The first of the models, and those that are as good without having all of its effects and more."""
+    if not models:
+        return []
+    best, frames = models[0], study.frames
+    good = [one for one in models if one.bic(frames) < best.bic(frames) + _margin(one, best, base, settings)]
+    return [one for one in good if one is best or not set(best.effects) < set(one.effects)]
 
 
 def _margin(model: Fitted, best: Fitted, base: Fitted, settings: DiagnoseSettings) -> float:

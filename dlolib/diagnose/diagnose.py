@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlolib.diagnose.ask import next_motion
-from dlolib.diagnose.decide import decide
+from dlolib.diagnose.decide import contenders, decide
 from dlolib.diagnose.detect import asked, detectable, sized
 from dlolib.diagnose.fitting import Fitted
 from dlolib.diagnose.heldout import black_box, foretell, refuted
@@ -67,16 +67,16 @@ def diagnose(recordings: Sequence[Recording], settings: DiagnoseSettings) -> Dia
             study = _with_noise(study, told)
             run.begin(study)
             searched = searched_again(study, searched, run)
-        base, models = searched.baseline, (searched.baseline, *searched.models)
+        base, compared = searched.baseline, contenders(study, searched, settings)
         beside = sized(study, base, settings.chance)
         sizes = [(beside, size) for size in asked(study, settings.without)]
         seen = run(detectable, sizes, "what can be seen")
         scans = run(scan, [(base, k, settings.seed) for k in range(len(recordings))], "where")
         foretold, boxes = [], [None]
         if study.ahead:
-            foretold = run(foretell, models, "held-out frames")
+            foretold = run(foretell, compared, "held-out frames")
             boxes = run(black_box, [(base, settings.seed)], "black box")
-    ahead = {one.effects: told for one, told in zip(models, foretold, strict=False) if told is not None}
+    ahead = {one.effects: told for one, told in zip(compared, foretold, strict=False) if told is not None}
     decision = decide(study, searched, settings, refuted(ahead))
     motion = next_motion(study, *decision.tie[:2]) if len(decision.tie) > 1 else None
     found = Found(

@@ -15,7 +15,7 @@ from dlolib.diagnose.tasks import (
     Task,
     Terms,
     as_it_was,
-    beginning,
+    beginnings,
     fit_first,
     hints_of,
     promised,
@@ -111,8 +111,9 @@ def baseline(study: Study) -> Fitted:
 def _singles(study: Study, baseline: Fitted, settings: DiagnoseSettings, run: Workers) -> list[Fitted]:
     hints = hints_of(study, baseline)
     tasks = [
-        beginning(study, baseline, {}, name, form, hints, settings.starts)
+        task
         for name, form in library(study, settings.without)
+        for task in beginnings(study, baseline, {}, name, form, hints, settings.starts)
     ]
     return _refined(study, run(fit_first, tasks, "effects"), baseline, run, "effects")
 
@@ -190,13 +191,14 @@ def _parts(study: Study, models: Models, size: int, tie: float) -> list[Effects]
 
 def _partners(study: Study, fewer: Fitted, settings: DiagnoseSettings, run: Workers) -> list[Fitted]:
     """Every other effect beside those of a model: screened by a linear step, the promising ones fitted, and
-    those of which none tells: what sets in past a threshold, and what promises something at a rope too stiff
-    for want of it."""
+    those of which none tells: what sets in past a threshold, and, where it promises something from any
+    stiffness, what a rope is too stiff for want of."""
     hints = hints_of(study, fewer)
     have = terms_of(fewer)
     tasks = [
-        beginning(study, fewer, have, name, form, hints, settings.starts)
+        task
         for name, form in library(study, settings.without, tuple(have))
+        for task in beginnings(study, fewer, have, name, form, hints, settings.starts)
     ]
     beside = " and ".join(fewer.effects)
     left = run(promised, tasks, f"beside {beside}")
@@ -208,7 +210,7 @@ def _partners(study: Study, fewer: Fitted, settings: DiagnoseSettings, run: Work
     kept = [
         task
         for task, name, gain in zip(tasks, added, gains, strict=True)
-        if abrupt(name) or (gain > PROMISING and (name in first or stiffens(name)))
+        if abrupt(name) or (name in ranked and stiffens(name)) or (name in first and gain > PROMISING)
     ]
     return _refined(study, run(fit_first, kept, f"fits beside {beside}"), fewer, run, f"beside {beside}")
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dlolib.diagnose.ask import Asked
-from dlolib.diagnose.decide import Decision, probabilities
+from dlolib.diagnose.decide import Decision, probabilities, wrong_same_size
 from dlolib.diagnose.fitting import Fitted
 from dlolib.diagnose.heldout import Foretold
 from dlolib.diagnose.locate import Scan
@@ -40,8 +40,8 @@ NEXT = "next_motion.csv"
 class Found:
     """All that a verdict is made of.
 
-    noise: of the first recording, and where it comes from. foretold: what the models by their effects, the
-    baseline too, leave of the held-out frames. black_box: what it leaves of the fitted and the held-out ones.
+    noise: of the first recording, and where it comes from. foretold: what contenders, by their
+    effects, leave of the held-out frames. black_box: what it leaves of the fitted and the held-out ones.
     """
 
     study: Study
@@ -152,7 +152,7 @@ def _candidates(found: Found) -> tuple[Candidate, ...]:
     frames = study.frames
     models = sorted((base, *found.searched.models), key=lambda one: one.bic(frames))
     best = models[0].bic(frames)
-    wrong = _wrong_same_size(models, found.decision)
+    wrong = wrong_same_size(models, found.decision)
     rows = []
     for one in models:
         change, error, rmse_m = _ahead(found, found.foretold.get(one.effects))
@@ -170,13 +170,6 @@ def _candidates(found: Found) -> tuple[Candidate, ...]:
         change, error, rmse_m = _ahead(found, outside)
         rows.append(Candidate((), "black_box", bic, change, error, left / coordinates, inside.rmse_m, rmse_m))
     return tuple(sorted(rows, key=lambda one: one.delta_bic))
-
-
-def _wrong_same_size(models: Sequence[Fitted], decision: Decision) -> Fitted | None:
-    """The best model with as many parameters as the winner that is not of the tie."""
-    right = {one.effects for one in (decision.tie or (decision.winner,))}
-    many = decision.winner.parameters
-    return next((m for m in models if m.effects and m.effects not in right and m.parameters == many), None)
 
 
 def _ahead(found: Found, one: Foretold | None) -> tuple[float | None, float | None, float | None]:

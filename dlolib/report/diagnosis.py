@@ -129,6 +129,7 @@ def models_figure(verdict: Verdict) -> Canvas:
         )  # fmt: skip
         right.axvline(0, color="#9AA0A6", linewidth=0.6)
         right.set(xlabel="held-out change in χ² (± 2 standard errors)")
+        right.locator_params(axis="x", nbins=4)
     return figure
 
 

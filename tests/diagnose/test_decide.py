@@ -6,13 +6,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dlolib.diagnose.decide import decide
+from dlolib.diagnose.decide import COMPARED, contenders, decide
 from dlolib.diagnose.fitting import Fitted
 from dlolib.diagnose.heldout import Foretold, refuted
 from dlolib.diagnose.residuals import explains, helps
 from dlolib.diagnose.search import Searched
 from dlolib.diagnose.study import DiagnoseSettings
 from dlolib.identify.parameters import Unknown
+from dlolib.sim.effects import EFFECTS
 
 FRAMES, COLUMNS = 90, 28
 NOISE = np.random.default_rng(5).standard_normal((FRAMES, COLUMNS, 3))
@@ -56,6 +57,23 @@ def test_worse_than_the_elastic_rod_is_worse_by_more_than_chance():
     assert refuted(foretold) == set()
     assert refuted(foretold | {("load",): Foretold(elastic.chi2 + each + 1.0, np.zeros(1))}) == {("load",)}
     assert refuted({("load",): elastic}) == set()
+
+
+def test_whatever_may_be_named_or_stand_for_the_wrong_one_is_compared_on_held_out_motion():
+    base = left((), 7000.0, 0)
+    load, length = left(("lateral_load",), 10.0), left(("length_error",), 15.0)
+    others = [name for name in EFFECTS if name not in ("lateral_load", "length_error", "mass_profile")]
+    # no second effect of these pairs is worth its place: many models before the best one that is
+    pairs = [left(("lateral_load", name), 5.0 - 0.1 * k, 3) for k, name in enumerate(others)]
+    worse = [left((name,), 900.0 + k, 3) for k, name in enumerate(others)]
+    wrong = left(("mass_profile",), 950.0)
+    models = sorted([load, length, *pairs, *worse, wrong], key=lambda one: one.bic(FRAMES))
+    assert load not in models[:COMPARED]
+    found = contenders(STUDY, Searched(base, tuple(models)), DiagnoseSettings())
+    assert all(
+        any(one is other for other in found) for one in (base, *models[:COMPARED], load, length, wrong)
+    )
+    assert len(found) < COMPARED + 6
 
 
 def test_models_as_good_tie():

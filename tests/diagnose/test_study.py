@@ -1,6 +1,7 @@
 """Where the fits of a study begin."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -58,6 +59,34 @@ def test_softer_ropes_are_tried_beside_what_is_taken_for_stiffness(study):
     assert all(0 < one[Unknown("bending_stiffness")] < 200 * EI for one in others)
     soft = dict.fromkeys(map(Unknown, study.stiffnesses), 1e-3 * EI)
     assert study.softer(soft, "inertia_drag") == [{}]
+
+
+def test_what_a_rope_is_too_stiff_for_want_of_is_fitted_from_every_stiffness(study):
+    """Linear steps from a soft rope promise nothing although a fit from there wins: none outranks another."""
+    stiff = SimpleNamespace(point=dict.fromkeys(map(Unknown, study.stiffnesses), 200 * EI), offsets_m=())
+    found = {
+        name: tasks.beginnings(study, stiff, {}, name, form, [], 2)
+        for name, form in (("inertia_drag", ("drag",)), ("mass_profile", ("s", "mass")))
+    }
+    tried = [{start[Unknown("bending_stiffness")] for start in one.starts} for one in found["inertia_drag"]]
+    assert len(tried) > 1 and all(len(one) == 1 for one in tried) and len(set.union(*tried)) == len(tried)
+    assert len(found["mass_profile"]) == 1
+
+
+def test_a_fit_begins_where_the_rope_is_off_for_two_frames(study):
+    """As one that touches something in passing: the mean over an eighth of the frames is the noise's."""
+    (seen,) = study.seen
+    points = seen.recording.points
+    frames = np.unique(points.frame)
+    middle = 0.5 * seen.recording.rope.length_m
+    brief = np.isin(points.frame, frames[20:22]) & (np.abs(points.s_m - middle) < 0.06)
+    xyz = points.xyz_m + 0.004 * brief[:, None] * [0.0, 1.0, 0.0]
+    moved = replace(seen.recording, points=replace(points, xyz_m=xyz))
+    off = replace(study, seen=(replace(seen, model=replace(seen.model, recording=moved)),))
+    hints = tasks.hints_of(off, baseline(study))
+    there = points.xyz_m[brief].mean(axis=0)
+    near = [one for one in hints if np.linalg.norm(one.place_m - there) < 0.05 and one.off_m[1] > 0.003]
+    assert near
 
 
 def test_a_finer_mesh_that_snaps_elsewhere_tells_no_error_of_the_mesh(study, monkeypatch):
