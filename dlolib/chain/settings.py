@@ -22,7 +22,8 @@ class ChainSettings:
         Otsu's threshold is believed.
     background_levels: from this difference on a pixel differs from the empty scene, in levels of 255.
     background_depth_m: from so much nearer on a pixel is nearer than the empty scene.
-    edge_px: width of the band along the rope's outline where depth mixes with the background.
+    edge_px: over how many pixels a depth reading is a mean; so far inside the outline it mixes with what
+        is behind, and deeper in still with how round the rope is.
     smooth_m: half of the shortest wave that depth may show along the rope; noise below it goes.
     bridge_m: a hidden stretch up to this length is no gap. Longer ones leave a gap in the chain.
     covariance: whether each point comes with its covariance, and the recording with its noise.

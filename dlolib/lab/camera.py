@@ -20,6 +20,7 @@ NOISE_DISTANCE_M = 0.7
 # of these in a row and a column of its own. Rays half a pixel apart would put an edge along a row of pixels a
 # tenth of a pixel wrong, the same in every frame.
 SPREAD_PX, RAYS, FINE_RAYS = 1.5, 3, 7
+# Light that differs by less than this share among a pixel's rays is even: three rays tell it as well.
 SAME = 1e-3
 EDGE_STEP_M, FAR_M = 0.008, 100.0
 BIAS_PX = 100.0
