@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from dlolib.captures.base import Frame
 from dlolib.lab.arc import ALONG_X, arc_motion
-from dlolib.lab.camera import Sensor, default_camera, render
+from dlolib.lab.camera import DEPTH_SCALE, Sensor, default_camera, render
 from dlolib.lab.play import play
 from dlolib.lab.rope import LabRope
 from dlolib.lab.scene import Look, Scene, build_scene
@@ -144,7 +144,8 @@ def photograph(case: Case, shape: Floats, camera: Camera, number: int) -> Take:
     s = np.r_[0, np.cumsum(np.linalg.norm(np.diff(fine, axis=0), axis=1))]
     start, end = Pose(shape[0], np.array(ALONG_X)), Pose(shape[-1], np.array(ALONG_X))
     scene, obstacles = _hiding(case, shape, fine, camera, start, end)
-    color, depth = render(scene, camera, case.sensor, number)
+    color, units = render(scene, camera, case.sensor, number)
+    depth_m = (units / float(camera.depth_scale or DEPTH_SCALE)).astype(np.float32)
     poses = [np.tile(value, (2, 1)) for value in (shape[0], ALONG_X, shape[-1], ALONG_X)]
     index = CaptureIndex(
         name=case.name,
@@ -159,7 +160,7 @@ def photograph(case: Case, shape: Floats, camera: Camera, number: int) -> Take:
         obstacles=obstacles,
         rope_color_hsv=case.hsv,
     )
-    seen = Frame(number, float(number), Path(case.name), color, (depth / 1000).astype(np.float32))
+    seen = Frame(number, float(number), Path(case.name), color, depth_m)
     return Take(seen, index, s, fine, _visible(scene, camera, fine, case.diameter_m))
 
 

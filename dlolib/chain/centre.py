@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from dlolib.captures.base import Mask
-from dlolib.chain.smooth import whittaker
+from dlolib.chain.smooth import smoothed
 from dlolib.chain.view import View
 from dlolib.types import Floats
 
 OWN_WIDTHS = 0.75
 UNUSUAL = 0.25
 CENTRINGS = 2
+FAINT = 0.02
 
 
 def centred_lines(lines: list[Floats], width: float, view: View, half_wave_px: float) -> list[Floats]:
@@ -96,7 +97,7 @@ def _even(line: Floats, width: float) -> Floats:
     """A smooth line with one sample a pixel; its ends, which lean into the outline's corners, cut off."""
     trim = min(int(0.5 * width), (len(line) - 4) // 2)
     line = line[trim : len(line) - trim] if trim > 0 else line
-    smooth = whittaker(line, np.ones(len(line)), width)
+    smooth = smoothed(line, np.ones(len(line)), width)
     return resampled(smooth)
 
 
@@ -143,12 +144,23 @@ def _centred(
         broad = np.convolve(count, np.full(3, 1 / 3), mode="same")
         typical = np.median(broad)
         usual = np.abs(broad - typical) <= UNUSUAL * typical
-        usual[[0, -1]] = False
         weights = np.where(usual, count, 0.0)
         if weights.any():
-            tangent = tangents(grid)
-            normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=-1)
-            shift = np.clip(whittaker(offset, weights, half_wave), -0.5 * width, 0.5 * width)
-            grid = grid + shift[:, None] * normal
-        moved.append(resampled(whittaker(grid, np.ones(len(grid)), half_wave)))
+            offset = np.clip(np.where(usual, offset, 0.0), -0.5 * width, 0.5 * width)
+            grid = beside(grid, offset, weights, half_wave)
+        moved.append(resampled(grid))
     return moved
+
+
+def beside(grid: Floats, offset: Floats, weights: Floats, half_wave: float, tip: float = 0.0) -> Floats:
+    """A smooth line (N, 2) through what lies so far beside another, (N,) [px], with weights (N,).
+
+    Where nothing tells, the other line does, faintly; but not at so many samples at its tips, where what
+    hides the rope lies in the sections: there it bends on as it did.
+    """
+    at = np.arange(len(grid))
+    inner = (at >= tip) & (at < len(grid) - tip)
+    weights = np.where(inner, np.maximum(weights, FAINT * weights.max()), 0.0)
+    tangent = tangents(grid)
+    normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=-1)
+    return smoothed(grid + offset[:, None] * normal, weights, half_wave, onward=True)

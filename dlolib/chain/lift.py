@@ -10,9 +10,9 @@ from scipy.spatial import cKDTree
 
 from dlolib.chain.centre import Sections, centred_lines, tangents
 from dlolib.chain.settings import ChainSettings
-from dlolib.chain.shading import LARGEST_ERROR_PX, shaded_middles
+from dlolib.chain.shading import LARGEST_ERROR_PX, shaded_middles, stretched
 from dlolib.chain.sight import both_sides, bridged, contested, whole
-from dlolib.chain.smooth import noise_gain, whittaker
+from dlolib.chain.smooth import noise_gain, smoothed
 from dlolib.chain.view import View
 from dlolib.types import Floats
 
@@ -20,8 +20,9 @@ NEIGHBOURS, OUTLIER_RATIO = 12, 3.0
 PASSES = 3
 SMALLEST_SIGMA_M = 5e-4
 INTERIOR_SHARE = 0.8
-# An outline tells a section's middle better than a few depth readings its distance: less smoothing.
-LATERAL = 0.5
+# An outline tells a section's middle better than a few depth readings its distance, light better still:
+# less smoothing.
+BY_OUTLINE, BY_LIGHT = 0.5, 0.35
 
 
 @dataclass(frozen=True)
@@ -79,17 +80,20 @@ def lift(
     pitch = view.pitch()
     if not lines or pitch == 0:
         return []
-    half_wave = max(LATERAL * settings.smooth_m / pitch, width)
-    grids = centred_lines(lines, width, view, half_wave)
+    # Where slivers are most of what is seen the mask is narrower than the rope.
+    width = max(width, 2 * radius_m / pitch)
+    by_outline, by_light = (max(share * settings.smooth_m / pitch, width) for share in (BY_OUTLINE, BY_LIGHT))
+    grids = centred_lines(lines, width, view, by_outline)
     errors = [np.full(len(grid), LARGEST_ERROR_PX) for grid in grids]
     cloud = _cloud(view)
+    radii = _radii(grids, cloud, width, view, radius_m)
     if fine:
-        radii = _radii(grids, cloud, width, view, radius_m)
-        grids, errors = shaded_middles(grids, radii, radius_m > 0, view, half_wave)
+        grids, errors = shaded_middles(grids, radii, radius_m > 0, view, by_light)
+        radii = [stretched(radius, len(grid)) for radius, grid in zip(radii, grids, strict=True)]
     readings = Sections.of(grids, view.pixel(cloud), width)
     strands = []
     beside = contested(grids, width)
-    full = whole(grids, view, width)
+    full = whole(grids, radii, view, width)
     for number, grid in enumerate(grids):
         mine = readings.line == number
         strand = _read_depth(
@@ -104,8 +108,7 @@ def lift(
 
 def _radii(grids: list[Floats], cloud: Floats, width: float, view: View, radius_m: float) -> list[Floats]:
     """How large the rope's radius looks at each sample of each line, (N,) [px]; from the mask if unknown."""
-    if radius_m == 0:
-        return [np.full(len(grid), 0.5 * width) for grid in grids]
+    radius_m = radius_m or 0.5 * width * view.pitch()
     readings = Sections.of(grids, view.pixel(cloud), width)
     radii = []
     for number, grid in enumerate(grids):
@@ -114,8 +117,25 @@ def _radii(grids: list[Floats], cloud: Floats, width: float, view: View, radius_
         depth = np.full(len(grid), np.median(cloud[:, 2]))
         if mine.any():
             depth = _medians(readings.sample[mine], cloud[mine, 2], len(grid), block)
-        radii.append(radius_m * view.focal / (depth + radius_m))
+        radii.append(half_widths(grid, depth + radius_m, view, radius_m))
     return radii
+
+
+def half_widths(grid: Floats, depth_m: Floats, view: View, radius_m: float) -> Floats:
+    """Half the width [px] (N,) of a round rope's outline across a line (N, 2) at depths (N,).
+
+    Its edges are where rays touch it. Off the image's middle that is more than its radius over its depth.
+    """
+    axis = view.space(grid, depth_m)
+    distance = np.linalg.norm(axis, axis=1)
+    ray = axis / distance[:, None]
+    aside = np.cross(ray, tangents(axis))
+    sine = np.maximum(np.linalg.norm(aside, axis=1), 0.5)
+    reach = np.minimum(radius_m / (distance * sine), 0.5)
+    edge = view.pixel(ray + (reach / np.sqrt(1 - reach**2))[:, None] * aside)
+    along = tangents(grid)
+    across = np.stack([-along[:, 1], along[:, 0]], axis=-1)
+    return np.asarray(np.abs(np.einsum("ij,ij->i", edge - view.pixel(ray), across)))
 
 
 def _cloud(view: View) -> Floats:
@@ -159,8 +179,10 @@ def _read_depth(
     pitch = float(np.median(depth)) / view.focal
     slant = np.ones(len(grid))
     axis = depth
-    # at its ends the outline runs across the rope: what hides it there mixes into the last readings, too
-    inner = _enough((sample >= settings.edge_px) & (sample < len(grid) - settings.edge_px))
+    # At its ends the outline runs across the rope: what hides it there mixes into the last readings, too, and
+    # the line ends within a pixel of it.
+    end = settings.edge_px + 1
+    inner = _enough((sample >= end) & (sample < len(grid) - end))
     own = _enough(inner & ~beside[sample])
     curve = _medians(sample[own], depth[own], len(grid), max(settings.smooth_m / pitch, 3.0))
     # a reading is the mean over what mixes in it, and lies behind the skin of a round body in its middle
@@ -215,7 +237,7 @@ def _robust(
     kept = near & counting
     weights = np.bincount(sample[kept], minlength=len(curve)).astype(np.float64)
     sums = np.bincount(sample[kept], axis[kept], minlength=len(curve))
-    return whittaker(sums / np.maximum(weights, 1), weights, half_wave), sigma, near
+    return smoothed(sums / np.maximum(weights, 1), weights, half_wave), sigma, near
 
 
 def _enough(some: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
-from dlolib.chain.centre import Sections, resampled, tangents
-from dlolib.chain.smooth import whittaker
+from dlolib.chain.centre import Sections, beside, resampled
 from dlolib.chain.view import View
 from dlolib.types import Floats
 
@@ -21,16 +20,18 @@ PARTS = 7
 BLURS_PX = (0.1, 0.2, 0.3, 0.4, 0.55, 0.7, 0.9, 1.2, 1.6)
 FIRST_BLUR, SEARCH_EVERY = 3, 2
 # A round that moves the line by less is the last.
-ENOUGH_PX = 0.03
+ENOUGH_PX = 0.02
 # Where the diameter is unknown: how wide the rope may be against its mask.
 SIZES = (0.8, 0.87, 0.94, 1.0, 1.07, 1.14)
 MARGIN_PX = 2.5
-ROUNDS = 3
+ROUNDS = 4
 STEP = 0.01
 REACH = 4.0
 END_RADII = 1.0
-# Weak prior towards no light: it matters only where a thin rope leaves a part undetermined.
-PRIOR = 0.01
+# Weak priors towards none of each part. A single distant light that reaches round has no harmonics of second
+# order, and little of them is left of one that does not: they are held back more.
+WEAK, SECOND_ORDER = 0.02, 0.05
+PRIORS = (WEAK, WEAK, WEAK, WEAK, WEAK, SECOND_ORDER, SECOND_ORDER)
 LARGEST_ERROR_PX, LARGEST_SHIFT = 0.15, 0.2
 LEAST_SHARE = 0.3
 
@@ -72,15 +73,15 @@ def shaded_middles(
         before = grids
         both = [_moved(grid, line, profile, half_wave_px) for grid, line in zip(grids, lines, strict=True)]
         grids = [grid for grid, _ in both]
-        radii_px = [_stretched(old, len(new)) for new, old in zip(grids, radii_px, strict=True)]
-        errors = [_stretched(error, len(grid)) for grid, error in both]
+        radii_px = [stretched(old, len(new)) for new, old in zip(grids, radii_px, strict=True)]
+        errors = [stretched(error, len(grid)) for grid, error in both]
         pairs = [(a, b) for a, b in zip(before, grids, strict=True) if len(a) == len(b)]
         if len(pairs) == len(grids) and max(float(np.abs(a - b).max()) for a, b in pairs) < ENOUGH_PX:
             break
     return grids, errors
 
 
-def _stretched(values: Floats, count: int) -> Floats:
+def stretched(values: Floats, count: int) -> Floats:
     """Values along a line that has been given other samples."""
     return np.interp(np.linspace(0, 1, count), np.linspace(0, 1, len(values)), values)
 
@@ -112,8 +113,7 @@ class _Line:
         # What is rope beyond the section's own edge is another strand of it, and no background.
         mine = (sections.line == number) & (away < MARGIN_PX) & ~(inside & (away > 1.0))
         mine &= np.isfinite(levels)
-        # Close to an end a section's window holds what hides the rope there.
-        trim = min(END_RADII * float(np.median(radius)), len(radius) / 4)
+        trim = _trim(radius)
         mine &= (sections.sample >= trim) & (sections.sample < len(radius) - trim)
         order = np.flatnonzero(mine)[np.argsort(sections.sample[mine], kind="stable")]
         return _Line(sections.sample[order], sections.across[order], levels[order], radius)
@@ -122,6 +122,11 @@ class _Line:
         """The pixels of every so many samples."""
         some = self.sample % every == 0
         return _Line(self.sample[some], self.across[some], self.level[some], self.radius)
+
+
+def _trim(radius: Floats) -> float:
+    """How many samples to leave out at an end: a section's window holds what hides the rope there."""
+    return min(END_RADII * float(np.median(radius)), len(radius) / 4)
 
 
 @dataclass(frozen=True)
@@ -136,13 +141,16 @@ class _Profile:
     @staticmethod
     def of(blur: float, pixel: float, size: float) -> _Profile:
         """Blur as a share of the radius."""
-        u = np.arange(-REACH, REACH + STEP, STEP)
+        steps = round(REACH / STEP)
+        u: Floats = STEP * np.arange(-steps, steps + 1, dtype=np.float64)
         body = np.abs(u) <= 1
         front = np.sqrt(np.maximum(1 - u**2, 0))
         light = [body, body * u, body * front, body * u * front, body * (2 * u**2 - 1)]
         parts = np.stack([u < -1, u > 1, *light]).astype(np.float64)
-        # A pixel gathers the light of its whole area, and the lens blurs it before.
-        parts = uniform_filter1d(parts, max(round(pixel / STEP), 1), axis=1, mode="nearest")
+        # A pixel gathers the light of its whole area, and the lens blurs it before. An even window would lie
+        # aside by half a step.
+        window = 2 * round(0.5 * pixel / STEP) + 1
+        parts = uniform_filter1d(parts, window, axis=1, mode="nearest")
         parts = gaussian_filter1d(parts, blur / STEP, axis=1, mode="nearest")
         return _Profile(u, parts, np.gradient(parts, STEP, axis=1), size)
 
@@ -183,7 +191,7 @@ def _fit(line: _Line, profile: _Profile, half_wave: float) -> _Fit:
     # In the order parts, level, movement: the last is known only once the light is.
     both = np.empty((count, PARTS + 2, PARTS + 2))
     both[:, rows, columns] = both[:, columns, rows] = summed(known[rows], known[columns])
-    prior = PRIOR * np.eye(PARTS)
+    prior = np.diag(PRIORS)
     light = np.linalg.solve(both[:, :PARTS, :PARTS] + prior, both[:, :PARTS, PARTS, None])[..., 0]
     # A section moved by d is bright as this one at across - d.
     moving = -np.einsum("pk,pk->p", slopes, light[line.sample]) / radius
@@ -267,9 +275,8 @@ def _moved(grid: Floats, line: _Line, profile: _Profile, half_wave: float) -> tu
         return grid, np.full(len(grid), LARGEST_ERROR_PX)
     weights = np.where(usable, 1 / np.maximum(fit.error, 0.01) ** 2, 0.0)
     weights = np.minimum(weights, 4 * np.median(weights[usable]))
-    tangent = tangents(grid)
-    normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=-1)
-    shift = whittaker(np.where(usable, fit.offset, 0.0), weights, half_wave)
-    moved = grid + np.clip(shift, -0.5 * line.radius, 0.5 * line.radius)[:, None] * normal
+    farthest = 0.5 * line.radius
+    offset = np.where(usable, np.clip(fit.offset, -farthest, farthest), 0.0)
+    moved = beside(grid, offset, weights, half_wave, _trim(line.radius))
     error = np.interp(np.arange(len(grid)), np.flatnonzero(usable), fit.error[usable])
-    return resampled(whittaker(moved, np.ones(len(moved)), half_wave)), error
+    return resampled(moved), error

@@ -12,7 +12,9 @@ from dlolib.chain.view import View
 from dlolib.types import Floats
 
 APART_WIDTHS = 3.0
-SLIVER, SLIVER_SAMPLES = 0.6, 5
+SLIVER, SLIVER_SAMPLES = 0.65, 5
+# Up to three quarters of what is seen may be slivers.
+WHOLE_QUANTILE = 0.75
 
 
 def contested(grids: list[Floats], width: float) -> list[NDArray[np.bool_]]:
@@ -28,21 +30,22 @@ def contested(grids: list[Floats], width: float) -> list[NDArray[np.bool_]]:
     return np.split(beside, np.cumsum([len(grid) for grid in grids])[:-1])
 
 
-def whole(grids: list[Floats], view: View, width: float) -> list[NDArray[np.bool_]]:
+def whole(grids: list[Floats], radii_px: list[Floats], view: View, width: float) -> list[NDArray[np.bool_]]:
     """Samples (N,) of each line whose section is not just a sliver that something leaves to be seen.
 
     Where less than half of the width shows, the rope's middle is hidden, and nothing tells where it is.
+    How much a section should show, its radius [px] tells, (N,) each, up to what the mask leaves of all.
     """
     rows, columns = np.nonzero(view.mask)
     pixels = np.stack([columns, rows], axis=-1).astype(np.float64)
     sections = Sections.of(grids, pixels, width)
     shares = view.coverage[view.mask].astype(np.float64)
     widths = []
-    for number, grid in enumerate(grids):
+    for number, (grid, radius) in enumerate(zip(grids, radii_px, strict=True)):
         mine = sections.line == number
         across = np.bincount(sections.sample[mine], shares[mine], minlength=len(grid))
-        widths.append(uniform_filter1d(across, SLIVER_SAMPLES, mode="nearest"))
-    typical = float(np.median(np.concatenate(widths)))
+        widths.append(uniform_filter1d(across, SLIVER_SAMPLES, mode="nearest") / radius)
+    typical = float(np.quantile(np.concatenate(widths), WHOLE_QUANTILE))
     slivers = [across < SLIVER * typical for across in widths]
     # A tip is round, and its corners are cut: only what is longer is a sliver.
     return [

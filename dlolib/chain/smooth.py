@@ -2,68 +2,91 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
+from scipy.interpolate import BSpline
 from scipy.linalg import solveh_banded
+from scipy.sparse import csr_array
 from scipy.special import binom
 
 from dlolib.types import Floats
 
-ORDER = 3
+DEGREE, ORDER = 3, 4
+# So many splines to half a wave: more change nothing, and where a wave is long they are few.
+SPLINES = 5
+# A trace of weight everywhere keeps the system regular; it draws towards the readings to both sides.
+TRACE = 1e-9
 # Beyond its outermost readings a curve goes straight on for this share of half a wave, then stays.
 STRAIGHT_ON = 0.15
 
 
-def whittaker(readings: Floats, weights: Floats, half_wave: float) -> Floats:
+def smoothed(readings: Floats, weights: Floats, half_wave: float, onward: bool = False) -> Floats:
     """Smooth readings (N,) or (N, K) with weights (N,) ≥ 0, halving waves of length 2 `half_wave`.
 
-    Whittaker's smoother (Eilers, Anal. Chem. 75, 2003) with third differences: it leaves a constant
-    curvature as it is, up to the very ends, which a smoothing spline with natural ends does not; and it
-    carries the curve across inner readings of weight 0. `half_wave` is counted in samples.
+    P-splines (Eilers and Marx, Statistical Science 11, 1996) with fourth differences: they leave a curvature
+    that changes evenly as it is, up to the very ends, where that of a clamped rope changes most, and carry
+    the curve across inner readings of weight 0. `half_wave` is counted in samples. Beyond the outermost
+    readings it soon stays as it is; a line that goes `onward` bends on there as it did.
     """
-    count = len(readings)
-    if count <= ORDER:
-        return np.array(readings, dtype=np.float64)
-    stiffness = (half_wave / np.pi) ** (2 * ORDER)
-    mean = max(float(weights.mean()), 1e-12)
-    banded = stiffness * _penalty(count)
-    # A trace of weight everywhere keeps the system regular where nothing was read.
-    banded[-1] += weights / mean + 1e-9
-    trend = (weights / mean)[:, None] * np.reshape(readings, (count, -1))
-    smooth = solveh_banded(banded, trend, check_finite=False)
     read = np.flatnonzero(weights > 0)
-    if len(read):
-        # Beyond the outermost readings it would go on in a parabola.
+    if len(readings) <= ORDER or not len(read):
+        return np.array(readings, dtype=np.float64)
+    columns = np.reshape(readings, (len(readings), -1)).astype(np.float64)
+    at = np.arange(len(readings))
+    between = np.stack([np.interp(at, read, column[read]) for column in columns.T], axis=-1)
+    share = weights[:, None] / weights.mean()
+    basis, banded = _system(weights, half_wave)
+    right = basis.T @ (share * columns + TRACE * between)
+    curve = basis @ solveh_banded(banded, right, check_finite=False)
+    if not onward:
         first, last = read[0], read[-1]
         most = min(STRAIGHT_ON * half_wave, 0.5 * (last - first))
-        slope = np.gradient(smooth[first : last + 1], axis=0) if last > first else np.zeros_like(smooth[:1])
-        inner = np.clip(np.arange(count), first, last)
-        beyond = np.clip(np.arange(count) - inner, -most, most)
-        smooth = smooth[inner] + beyond[:, None] * slope[inner - first]
-    return np.asarray(smooth.reshape(readings.shape), dtype=np.float64)
+        slope = np.gradient(curve[first : last + 1], axis=0) if last > first else np.zeros_like(curve[:1])
+        inner = np.clip(at, first, last)
+        beyond = np.clip(at - inner, -most, most)
+        curve = curve[inner] + beyond[:, None] * slope[inner - first]
+    return np.asarray(curve.reshape(np.shape(readings)), dtype=np.float64)
 
 
 def noise_gain(weights: Floats, half_wave: float) -> Floats:
-    """Deviation (N,) of what `whittaker` gives where single readings of deviation 1 came `weights` a sample.
+    """Deviation (N,) of what `smoothed` gives where single readings of deviation 1 came `weights` a sample.
 
     A sample's reading then is the mean of so many; the smoother is linear, so this is exact.
     """
-    count = len(weights)
     mean = max(float(weights.mean()), 1e-12)
-    if count <= ORDER:
-        return np.full(count, 1 / np.sqrt(max(mean, 1e-12)))
-    banded = (half_wave / np.pi) ** (2 * ORDER) * _penalty(count)
-    banded[-1] += weights / mean + 1e-9
-    response = solveh_banded(banded, np.eye(count), check_finite=False)
+    if len(weights) <= ORDER or not weights.any():
+        return np.full(len(weights), 1 / np.sqrt(mean))
+    basis, banded = _system(weights, half_wave)
+    response = basis @ solveh_banded(banded, basis.T.toarray(), check_finite=False)
     gain: Floats = np.sqrt((response**2) @ (weights / mean) / mean)
     return gain
 
 
-def _penalty(count: int) -> Floats:
-    """DᵀD of the third difference D, (4, count) in the upper banded form of scipy.linalg."""
-    steps = np.array([(-1) ** (ORDER - k) * binom(ORDER, k) for k in range(ORDER + 1)])
-    banded = np.zeros((ORDER + 1, count))
+def _system(weights: Floats, half_wave: float) -> tuple[csr_array, Floats]:
+    """The splines (N, K) and their normal equations, in the upper banded form of scipy.linalg."""
+    basis, penalty = _splines(len(weights), half_wave)
+    share = weights / weights.mean() + TRACE
+    normal = (basis.T @ (share[:, None] * basis)).tocsr()
+    banded = penalty.copy()
+    for lag in range(ORDER):
+        banded[ORDER - lag, lag:] += normal.diagonal(lag)
+    return basis, banded
+
+
+@lru_cache(maxsize=16)
+def _splines(count: int, half_wave: float) -> tuple[csr_array, Floats]:
+    """Splines evenly over so many samples, (count, K), and the penalty of their differences, banded."""
+    steps = max(int(np.ceil((count - 1) / max(half_wave / SPLINES, 1.0))), 1)
+    step = (count - 1) / steps
+    knots = step * np.arange(-DEGREE, steps + DEGREE + 1)
+    at = np.clip(np.arange(count, dtype=np.float64), 0, steps * step)
+    basis = csr_array(BSpline.design_matrix(at, knots, DEGREE))
+    splines = steps + DEGREE
+    weights = [(-1) ** (ORDER - k) * binom(ORDER, k) for k in range(ORDER + 1)]
+    banded = np.zeros((ORDER + 1, splines))
     for k in range(ORDER + 1):
         for j in range(k, ORDER + 1):
             lag = j - k
-            banded[ORDER - lag, j : count - ORDER + j] += steps[k] * steps[j]
-    return banded
+            banded[ORDER - lag, j : splines - ORDER + j] += weights[k] * weights[j]
+    return basis, step * (half_wave / (np.pi * step)) ** (2 * ORDER) * banded

@@ -12,15 +12,15 @@ import numpy as np
 from dlolib.chain.axis import Axis
 from dlolib.types import Floats, Noise, Rope
 
-# Across the line of sight: of the outline's own standard error, and a floor.
-ACROSS_FACTOR, ACROSS_M = 1.45, 3e-5
+# Across the line of sight: of the outline's own standard error, and a floor as a share of the diameter.
+ACROSS_FACTOR, ACROSS_SHARE = 0.6, 0.005
 # At its tips, and where it goes out of sight, a line has sections on one side only: share of the diameter.
-TIP_SHARE, TIP_REACH = 0.07, 1.5
+TIP_SHARE, TIP_REACH = 0.03, 1.0
 UNKNOWN_DIAMETER_M = 0.01
 # Along the line of sight: what the smoothing leaves of the readings' scatter, which is not quite white.
-DEPTH_FACTOR, DEPTH_M = 1.0, 5e-5
+DEPTH_FACTOR, DEPTH_M = 1.0, 3e-5
 # Along the rope: a floor, a share of what its measured length was off, or of a way that nothing checked.
-ALONG_M, MISFIT_SHARE, WAY_SHARE = 4e-5, 0.25, 0.003
+ALONG_M, MISFIT_SHARE, WAY_SHARE = 3e-5, 0.45, 0.003
 # Smoothed over half waves of `smooth_m`, errors of neighbours go together over this share of it.
 CORRELATED_SHARE, CORRELATED_FRAMES = 1.25, 1.0
 
@@ -51,7 +51,7 @@ def covariances(axis: Axis, s_m: Floats, points_m: Floats, rope: Rope) -> Floats
         # A line that runs beside the axis is longer or shorter than it by as much, for each radian it turns.
         (along, ALONG_M**2 + off**2 + (ACROSS_FACTOR * outline) ** 2),
         (sight, DEPTH_M**2 + (DEPTH_FACTOR * depth) ** 2 + (0.5 * tip) ** 2),
-        (across, ACROSS_M**2 + (ACROSS_FACTOR * outline) ** 2 + tip**2),
+        (across, (ACROSS_SHARE * diameter) ** 2 + (ACROSS_FACTOR * outline) ** 2 + tip**2),
     )
     return np.asarray(sum(np.einsum("k,ki,kj->kij", size, way, way) for way, size in variances))
 

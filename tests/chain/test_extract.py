@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from chain.test_clouds import distances
 from chain.tubes import Scene, along, index_of, photograph, wave, without_diameter, write_capture
 
 from dlolib.captures import open_capture
@@ -106,7 +107,9 @@ def test_with_free_ends_the_start_stays_the_start(tmp_path: Path) -> None:
     axes = [wave(0.6), wave(0.6) + np.array([0.02, 0, 0]), wave(0.6) + np.array([-0.02, 0, 0.03])]
     write_capture(tmp_path / "free", axes, Scene(), clamped=False)
     for chain, axis in zip(extract_chain(open_capture(tmp_path / "free")).frames, axes, strict=True):
-        assert rms(errors(axis, chain.s_m, chain.xyz_m)) < 1.0e-3
+        # Nothing but the mask's own edge tells where a free end is: arc length is less certain than the axis.
+        assert rms(distances(chain.xyz_m, axis)) < 0.6e-3
+        assert rms(errors(axis, chain.s_m, chain.xyz_m)) < 3.0e-3
 
 
 def test_rope_by_its_colour_and_by_a_mask_from_outside() -> None:

@@ -8,10 +8,11 @@ import pytest
 
 from dlolib.chain.axis import Axis
 from dlolib.chain.greedy import greedy_chain
-from dlolib.chain.lift import Strand
+from dlolib.chain.lift import Strand, half_widths
 from dlolib.chain.order import Anchor, in_order
 from dlolib.chain.skeleton import centre_lines
-from dlolib.chain.smooth import whittaker
+from dlolib.chain.smooth import smoothed
+from dlolib.chain.view import View
 from dlolib.types import Floats
 
 
@@ -111,16 +112,58 @@ def test_no_point_where_nothing_was_seen() -> None:
 def test_the_smoother_keeps_curvature_to_its_ends_and_takes_noise_away() -> None:
     at = np.linspace(-1, 1, 301)
     parabola = 30 * at**2
-    np.testing.assert_allclose(whittaker(parabola, np.ones(301), 20), parabola, atol=1e-5)
+    np.testing.assert_allclose(smoothed(parabola, np.ones(301), 20), parabola, atol=1e-5)
     noisy = parabola + np.random.default_rng(1).normal(size=301)
-    assert np.std(whittaker(noisy, np.ones(301), 20) - parabola) < 0.35
+    assert np.std(smoothed(noisy, np.ones(301), 20) - parabola) < 0.35
+
+
+@pytest.mark.parametrize("half_wave", [20, 200])
+def test_the_smoother_keeps_a_curvature_that_changes_evenly(half_wave: float) -> None:
+    """As beside a clamp; and no rounding is taken for a bend where waves are long (a near camera)."""
+    at = np.linspace(-1, 1, 901)
+    clamped = 300 + 200 * at + 150 * at**2 - 80 * at**3
+    np.testing.assert_allclose(smoothed(clamped, np.ones(901), half_wave), clamped, atol=1e-4)
+
+
+def test_the_smoother_halves_waves_of_twice_the_half_wave() -> None:
+    at = np.arange(901.0)
+    for half_wave in (7.0, 20.0, 60.0):
+        wave = np.sin(np.pi * at / half_wave)
+        inner = smoothed(wave, np.ones(901), half_wave)[300:600]
+        assert np.abs(inner).max() == pytest.approx(0.5, abs=0.02)
+
+
+@pytest.mark.parametrize("start", [(0, 0, 0.7), (0.35, 0.1, 0.7), (-0.3, -0.2, 0.8)])
+@pytest.mark.parametrize("way", [(1, 0, 0), (0, 1, 0), (0.6, 0.5, 0.3)])
+def test_the_outline_of_a_round_rope_is_as_wide_as_its_skin_looks(
+    start: tuple[float, float, float], way: tuple[float, float, float]
+) -> None:
+    unread = np.zeros((576, 640), np.float32)
+    view = View(unread > 0, unread, unread, 504.0, 504.0, 320.0, 288.0)
+    along = np.array(way) / np.linalg.norm(way)
+    axis = np.array(start) + np.linspace(-0.05, 0.05, 2001)[:, None] * along
+    pixel = view.pixel(axis)
+    way_px = np.r_[0, np.cumsum(np.linalg.norm(np.diff(pixel, axis=0), axis=1))]
+    at = np.linspace(0, way_px[-1], int(way_px[-1]))
+    grid = np.stack([np.interp(at, way_px, pixel[:, k]) for k in range(2)], axis=-1)
+    wide = half_widths(grid, np.interp(at, way_px, axis[:, 2]), view, 0.004)
+    first = np.cross(along, (0.3, 0.5, 0.8))
+    first /= np.linalg.norm(first)
+    turn = np.linspace(0, 2 * np.pi, 721)[:, None]
+    round_it = np.cos(turn) * first + np.sin(turn) * np.cross(along, first)
+    skin = view.pixel((axis[:, None] + 0.004 * round_it).reshape(-1, 3))
+    middle, heading = grid[len(grid) // 2], grid[-1] - grid[0]
+    heading /= np.linalg.norm(heading)
+    beside = skin[np.abs((skin - middle) @ heading) < 0.3] - middle
+    across = beside @ np.array([-heading[1], heading[0]])
+    assert wide[len(grid) // 2] == pytest.approx(0.5 * np.ptp(across), rel=3e-3)
 
 
 def test_the_smoother_goes_straight_on_past_its_outermost_readings_and_then_stays() -> None:
     at = np.arange(101.0)
     weights = np.zeros(101)
     weights[10:91] = 1
-    smooth = whittaker(np.where(weights > 0, 0.5 * at, 99.0), weights, 20)
+    smooth = smoothed(np.where(weights > 0, 0.5 * at, 99.0), weights, 20)
     np.testing.assert_allclose(smooth[7:94], 0.5 * at[7:94], atol=1e-6)
     np.testing.assert_allclose(smooth[:7], 3.5, atol=1e-6)
     np.testing.assert_allclose(smooth[94:], 46.5, atol=1e-6)
@@ -131,4 +174,4 @@ def test_the_smoother_bridges_readings_without_weight() -> None:
     weights = np.ones(301)
     weights[100:140] = 0
     wild = np.where(weights > 0, at**2, 99.0)
-    np.testing.assert_allclose(whittaker(wild, weights, 10), at**2, atol=1e-4)
+    np.testing.assert_allclose(smoothed(wild, weights, 10), at**2, atol=1e-4)

@@ -43,13 +43,21 @@ def test_a_rope_lit_from_one_side_stays_in_its_middle(light: tuple[float, float,
 SLOPE, ROW, RADIUS = 0.15, 14.0, 2.8
 
 
-def picture(offset: float, background: tuple[float, float], blur: float = 0.5) -> Floats:
+def picture(
+    offset: float,
+    background: tuple[float, float],
+    blur: float = 0.5,
+    ambient: float = 60,
+    light: float = 160,
+    aside: float = 0.8,
+) -> Floats:
     """Grey levels (41, 80) of a straight rope, dark on one side, its middle at ROW + offset + SLOPE x."""
     fine = 8
     row, column = (np.mgrid[: 41 * fine, : 80 * fine] + 0.5) / fine - 0.5
     u = (row - ROW - offset - SLOPE * column) / np.hypot(1, SLOPE) / RADIUS
-    light = 60 + 160 * np.maximum(0.6 * np.sqrt(np.maximum(1 - u**2, 0)) - 0.8 * u, 0)
-    level = np.where(np.abs(u) <= 1, light, np.where(u < 0, *background))
+    ahead = np.sqrt(1 - aside**2)
+    lit = ambient + light * np.maximum(ahead * np.sqrt(np.maximum(1 - u**2, 0)) - aside * u, 0)
+    level = np.where(np.abs(u) <= 1, lit, np.where(u < 0, *background))
     level = cv2.GaussianBlur(level, (0, 0), fine * blur, borderType=cv2.BORDER_REPLICATE)
     return np.asarray(level.reshape(41, fine, 80, fine).mean(axis=(1, 3)))
 
@@ -84,6 +92,13 @@ def test_the_middle_of_a_section_is_found_to_a_tenth_of_a_pixel(
         assert bright @ np.arange(41) / bright.sum() - ROW - offset - SLOPE * 40 < -0.3
 
 
+@pytest.mark.parametrize("aside", [0.3, 0.56])
+def test_a_table_as_bright_as_the_dark_side_does_not_move_the_middle(aside: float) -> None:
+    level = picture(0.3, (72.0, 72.0), 0.5, 80.0, 150.0, aside)
+    (moved,), _ = shaded_middles([centre_guess()], [np.full(70, RADIUS)], True, viewed(level), 7.3)
+    assert abs((moved[:, 1] - ROW - 0.3 - SLOPE * moved[:, 0])[5:-5].mean()) < 0.1
+
+
 def test_without_levels_lines_stay_as_they_are() -> None:
     view = replace(viewed(picture(0.3, (12.0, 12.0))), levels=None)
     line = centre_guess()
@@ -101,3 +116,12 @@ def test_how_sharp_the_camera_is_does_not_move_the_middle() -> None:
         lines, _ = shaded_middles([line], [np.full(len(line), RADIUS)], True, view, 8.0)
         found.append(float(np.mean(lines[0][:, 1] - ROW - SLOPE * lines[0][:, 0])))
     assert np.ptp(found) < 0.04
+
+
+@pytest.mark.parametrize("offset", [-0.4, 0.0, 0.25])
+def test_in_even_light_the_middle_is_found_to_a_hundredth_of_a_pixel(offset: float) -> None:
+    """An error that is the same in every frame is no noise: what looks alike on both sides has none."""
+    (moved,), _ = shaded_middles(
+        [centre_guess()], [np.full(70, RADIUS)], True, viewed(picture(offset, (12.0, 12.0), aside=0.0)), 10.0
+    )
+    assert abs((moved[:, 1] - ROW - offset - SLOPE * moved[:, 0])[5:-5].mean()) < 0.01
