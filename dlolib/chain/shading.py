@@ -19,8 +19,8 @@ from dlolib.types import Floats
 PARTS = 7
 BLURS_PX = (0.1, 0.2, 0.3, 0.4, 0.55, 0.7, 0.9, 1.2, 1.6)
 FIRST_BLUR, SEARCH_EVERY = 3, 2
-# A round that moves the line by less is the last.
-ENOUGH_PX = 0.02
+# A round that moves nine in ten samples by less is the last.
+ENOUGH_PX, MOST = 0.05, 0.9
 # Where the diameter is unknown: how wide the rope may be against its mask.
 SIZES = (0.8, 0.87, 0.94, 1.0, 1.07, 1.14)
 MARGIN_PX = 2.5
@@ -70,13 +70,11 @@ def shaded_middles(
         lines = [_Line.of(sections, number, radii_px[number], levels, inside) for number in range(len(grids))]
         if profile is None:
             profile = _best_profile(lines, half_wave_px, (1.0,) if known else SIZES)
-        before = grids
-        both = [_moved(grid, line, profile, half_wave_px) for grid, line in zip(grids, lines, strict=True)]
-        grids = [grid for grid, _ in both]
+        found = [_moved(grid, line, profile, half_wave_px) for grid, line in zip(grids, lines, strict=True)]
+        grids = [grid for grid, _, _ in found]
         radii_px = [stretched(old, len(new)) for new, old in zip(grids, radii_px, strict=True)]
-        errors = [stretched(error, len(grid)) for grid, error in both]
-        pairs = [(a, b) for a, b in zip(before, grids, strict=True) if len(a) == len(b)]
-        if len(pairs) == len(grids) and max(float(np.abs(a - b).max()) for a, b in pairs) < ENOUGH_PX:
+        errors = [stretched(error, len(grid)) for grid, error, _ in found]
+        if max(step for _, _, step in found) < ENOUGH_PX:
             break
     return grids, errors
 
@@ -267,16 +265,18 @@ def _downhill(misfit: Callable[[int], float], at: int, count: int) -> int:
     return at
 
 
-def _moved(grid: Floats, line: _Line, profile: _Profile, half_wave: float) -> tuple[Floats, Floats]:
+def _moved(grid: Floats, line: _Line, profile: _Profile, half_wave: float) -> tuple[Floats, Floats, float]:
+    """The line anew, its standard error, and what most of its samples moved less than [px]."""
     fit = _fit(line, profile, half_wave)
     usable = (fit.error < LARGEST_ERROR_PX) & (np.abs(fit.offset) < LARGEST_SHIFT * 2 * line.radius)
     usable[[0, -1]] = False
     if usable.mean() < LEAST_SHARE:
-        return grid, np.full(len(grid), LARGEST_ERROR_PX)
+        return grid, np.full(len(grid), LARGEST_ERROR_PX), 0.0
     weights = np.where(usable, 1 / np.maximum(fit.error, 0.01) ** 2, 0.0)
     weights = np.minimum(weights, 4 * np.median(weights[usable]))
     farthest = 0.5 * line.radius
     offset = np.where(usable, np.clip(fit.offset, -farthest, farthest), 0.0)
     moved = beside(grid, offset, weights, half_wave, _trim(line.radius))
     error = np.interp(np.arange(len(grid)), np.flatnonzero(usable), fit.error[usable])
-    return resampled(moved), error
+    step = float(np.quantile(np.linalg.norm(moved - grid, axis=1), MOST))
+    return resampled(moved), error, step

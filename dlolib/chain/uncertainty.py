@@ -13,7 +13,7 @@ from dlolib.chain.axis import Axis
 from dlolib.types import Floats, Noise, Rope
 
 # Across the line of sight: of the outline's own standard error, and a floor as a share of the diameter.
-ACROSS_FACTOR, ACROSS_SHARE = 0.6, 0.005
+ACROSS_FACTOR, ACROSS_SHARE = 0.9, 0.005
 # At its tips, and where it goes out of sight, a line has sections on one side only: share of the diameter.
 TIP_SHARE, TIP_REACH = 0.03, 1.0
 UNKNOWN_DIAMETER_M = 0.01

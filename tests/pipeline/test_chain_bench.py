@@ -76,4 +76,4 @@ def test_without_noise_the_depth_is_that_of_the_axis_up_to_the_clamps() -> None:
         deep.append((found.xyz_m - true) @ shot.index.camera.world_from_camera[:3, 2])
     assert abs(np.mean(deep)) < 2e-5
     # what the clamp mixes into the last readings would pull them forward
-    assert np.abs(np.array(deep)[:, [0, -1]]).max() < 1e-4
+    assert np.abs(np.array(deep)[:, [0, -1]]).max() < 1.5e-4
