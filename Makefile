@@ -96,6 +96,10 @@ proof-without: .venv/installed ## what was found alone once more, its effect tak
 proof-calibration: .venv/installed ## recordings of the proof's laboratory with their answers, to set thresholds by
 	@python -m stages.proof --calibration
 
+.PHONY: proof-refinement
+proof-refinement: .venv/installed ## what twice the bodies of the proof's laboratory would change
+	@python -m stages.proof_refinement
+
 .PHONY: proof-sizes
 proof-sizes: COUNT = 100
 proof-sizes: .venv/installed ## COUNT=100 effects planted at exactly the size that `detectable` names (3 hours)

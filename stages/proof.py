@@ -30,7 +30,6 @@ from dlolib.progress import track
 from dlolib.proof import book
 from dlolib.proof.answer import make_recording
 from dlolib.proof.draw import draw_names
-from dlolib.proof.refine import refinement
 from dlolib.proof.score import owns_up, score, share, summarise
 from dlolib.proof.sizes import NAMES
 from stages import DATA, REPORTS, run
@@ -48,9 +47,6 @@ CALIBRATION_NULLS, CALIBRATION_SIZE = 12, 3.0
 
 def main(*arguments: str) -> None:
     asked = _options().parse_args(arguments)
-    if asked.refinement:
-        write_json(BOOK / "refinement.json", {"seed": asked.seed, "cases": refinement(asked.seed)})
-        return
     if asked.calibration:
         calibrate(asked.seed)
         return
@@ -72,8 +68,7 @@ def _options() -> argparse.ArgumentParser:
     )
     options.add_argument("--without", action="store_true", help="scored singles, their effect taken out")
     options.add_argument("--calibration", action="store_true", help="make recordings to set thresholds by")
-    options.add_argument("--refinement", action="store_true", help="what twice the bodies would change")
-    options.add_argument("--seed", type=int, default=1, help="of the calibration and the refinement")
+    options.add_argument("--seed", type=int, default=1, help="of the calibration")
     return options
 
 

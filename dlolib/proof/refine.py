@@ -30,30 +30,26 @@ EFFECTS: tuple[tuple[str, ...], ...] = (
 )
 
 
-def refinement(seed: int, bodies: int = BODIES) -> list[dict[str, Any]]:
-    """A row for each of a few cases: nulls first, then what remembers or touches.
+def refined(seed: int, index: int, bodies: int = BODIES) -> dict[str, Any]:
+    """What a finer laboratory would show of one of `EFFECTS`: nulls first, then what remembers or touches.
 
     `gain` is the noise-free chi-squared (white noise of 1.5 mm) that the best rope of this many bodies leaves
     of one with twice as many and the same effects, refitted unless it is below 1 anyway; `bodies_m` and
     `steps_m` are the largest changes of a point for twice the bodies and for half the steps [m].
     """
-    rows = []
-    for index, names in enumerate(EFFECTS):
-        case = _playable(seed, index, names)
-        fine = play(case.experiment, case.effects, 2 * bodies)
-        left = left_over(case.experiment, fine, case.effects, WHITE, bodies, doubtless=ENOUGH)
-        half = play(case.experiment, case.effects, bodies, finer=2)
-        rows.append(
-            {
-                "effects": list(names),
-                "obstacles": len(case.experiment.obstacles),
-                "bodies": bodies,
-                "gain": left.value,
-                "bodies_m": float(np.abs(fine - case.points_m).max()),
-                "steps_m": float(np.abs(half - case.points_m).max()),
-            }
-        )
-    return rows
+    names = EFFECTS[index]
+    case = _playable(seed, index, names)
+    fine = play(case.experiment, case.effects, 2 * bodies)
+    left = left_over(case.experiment, fine, case.effects, WHITE, bodies, doubtless=ENOUGH)
+    half = play(case.experiment, case.effects, bodies, finer=2)
+    return {
+        "effects": list(names),
+        "obstacles": len(case.experiment.obstacles),
+        "bodies": bodies,
+        "gain": left.value,
+        "bodies_m": float(np.abs(fine - case.points_m).max()),
+        "steps_m": float(np.abs(half - case.points_m).max()),
+    }
 
 
 def _playable(seed: int, index: int, names: Sequence[str]) -> Case:
