@@ -1,7 +1,8 @@
 """What `make chain-bench` looks at: ropes of the laboratory whose axis is known, in rising difficulty.
 
-Shapes in plain view are those of the laboratory's own arc. Loops are drawn with the seeds 0, 1, 2, ...; one
-is left out only where the rope would run through itself or leave the image, never for its score.
+Shapes in plain view are those of the laboratory's own arc, two of its frames at a time. Loops are drawn with
+the seeds 0, 1, 2, ...; one is left out only where the rope would run through itself or leave the image, never
+for its score.
 """
 
 from __future__ import annotations
@@ -25,7 +26,8 @@ from dlolib.lab.scene import Look, Scene, build_scene
 from dlolib.o3d import open3d
 from dlolib.types import Camera, CaptureIndex, Ends, Floats, Motion, Obstacle, Pose, Rope
 
-FRAMES = 12
+# Frames of a case, and of the laboratory's default capture over the same arc.
+FRAMES, CAPTURED = 12, 40
 LENGTH_M = 0.445
 STEP_M = 0.0005
 TABLE, RED = (0.42, 0.33, 0.24), (0.75, 0.12, 0.1)
@@ -98,9 +100,12 @@ def takes(case: Case, frames: int = FRAMES) -> Iterator[Take]:
 
 @cache
 def arcs(frames: int) -> Floats:
-    """Shapes (frames, 61, 3) [m] of the laboratory's plastic rope, evenly over its default arc."""
-    motion = arc_motion()
-    return play(LabRope(), motion, (), sample_times_s=motion.t_s[-1] * (np.arange(frames) + 1) / frames).xyz_m
+    """Shapes (frames, 61, 3) [m] of the laboratory's plastic rope, evenly over its arc: pairs of frames that
+    follow each other in its default capture."""
+    motion, pairs = arc_motion(), frames // 2
+    first = np.floor((np.arange(pairs) + 0.5) * CAPTURED / pairs)
+    places = np.stack([first, first + 1], axis=-1).ravel()
+    return play(LabRope(), motion, (), sample_times_s=motion.t_s[-1] * places / CAPTURED).xyz_m
 
 
 def loops(frames: int, diameter_m: float) -> Iterator[Floats]:
