@@ -89,8 +89,8 @@ proof: .venv/installed ## the blind proof: SHARDS of SIZE recordings drawn from 
 	@python -m stages.proof --shards $(SHARDS) --size $(SIZE)
 
 .PHONY: proof-without
-proof-without: .venv/installed ## what was found alone once more, its effect taken out of the library
-	@python -m stages.proof --without
+proof-without: .venv/installed ## what was found alone once more, its effect taken out of the library [ONLY="shard ..."]
+	@python -m stages.proof --without $(ONLY)
 
 .PHONY: proof-calibration
 proof-calibration: .venv/installed ## recordings of the proof's laboratory with their answers, to set thresholds by

@@ -32,7 +32,7 @@ from dlolib.proof.answer import make_recording
 from dlolib.proof.draw import draw_names
 from dlolib.proof.score import owns_up, score, share, summarise
 from dlolib.proof.sizes import NAMES
-from stages import DATA, REPORTS, run
+from stages import DATA, REPORTS, known, run
 
 WORK = DATA / "proof"
 RECORDINGS, SEALED, VERDICTS = WORK / "recordings", WORK / "sealed", WORK / "verdicts"
@@ -50,8 +50,9 @@ def main(*arguments: str) -> None:
     if asked.calibration:
         calibrate(asked.seed)
         return
-    if asked.without:
-        write_json(BOOK / "without.json", made_by("make proof-without") | without(asked.command))
+    if asked.without is not None:
+        found = without(asked.command, asked.without)
+        write_json(BOOK / "without.json", made_by("make proof-without") | found)
         return
     for _ in range(asked.shards):
         shard = unfinished() or begin(asked.size)
@@ -66,7 +67,12 @@ def _options() -> argparse.ArgumentParser:
     options.add_argument(
         "--command", default=COMMAND, help="what diagnoses; {recording} and {out} are filled in"
     )
-    options.add_argument("--without", action="store_true", help="scored singles, their effect taken out")
+    options.add_argument(
+        "--without",
+        nargs="*",
+        metavar="SHARD",
+        help="scored singles of these shards, of all where none is named, their effect taken out",
+    )
     options.add_argument("--calibration", action="store_true", help="make recordings to set thresholds by")
     options.add_argument("--seed", type=int, default=1, help="of the calibration")
     return options
@@ -195,20 +201,20 @@ def seed_of(folder: Path) -> int:
     return int(json.loads(kept.read_text())["seed"])
 
 
-def last_shards() -> dict[str, tuple[int, dict[str, Any]]]:
-    """The scored shards of the last version with their revealed seeds and rows; recordings and answers that
-    are not here are made again from the seed.
+def last_shards(only: Sequence[str] = ()) -> dict[str, tuple[int, dict[str, Any]]]:
+    """The scored shards of the last version (of them these, where any is named) with their revealed seeds and
+    rows; recordings and answers that are not here are made again from the seed.
 
     Raises:
-        ParameterError: the laboratory has changed since, and makes others.
+        ParameterError: the laboratory has changed since, and makes others; or there is no such shard.
     """
     rows = {row["shard"]: row for row in book.runs(BOOK)}
     found = {}
-    for shard in totals()["shards"]:
+    known(only, totals()["shards"], "shard")
+    for shard in only or totals()["shards"]:
         seed, size = int(rows[shard]["seed"]), int(rows[shard]["size"])
-        if not (SEALED / shard / "shard.json").exists():
-            write_json(SEALED / shard / "shard.json", {"seed": seed, "size": size})
-            make(seed, draw_names(seed, size), RECORDINGS / shard, SEALED / shard)
+        write_json(SEALED / shard / "shard.json", {"seed": seed, "size": size})
+        make(seed, draw_names(seed, size), RECORDINGS / shard, SEALED / shard)
         if book.seal(SEALED / shard) != rows[shard]["answers_sha256"]:
             mend = f"check out {rows[shard]['commit']}, or remove {SEALED / shard} and {RECORDINGS / shard}"
             raise ParameterError("the answers are not those that were sealed", file=SEALED / shard, mend=mend)
@@ -216,13 +222,19 @@ def last_shards() -> dict[str, tuple[int, dict[str, Any]]]:
     return found
 
 
-def without(command: str) -> dict[str, Any]:
-    """Diagnose what was found alone once more with that effect taken out of the library."""
-    rows = []
-    for shard, (_, scored) in last_shards().items():
+def without(command: str, only: Sequence[str] = ()) -> dict[str, Any]:
+    """Diagnose what was found alone once more with that effect taken out of the library.
+
+    What was counted of other shards of this version before stays.
+    """
+    again = last_shards(only)
+    before = _read(BOOK / "without.json") or {"version": None, "recordings": []}
+    kept = before["recordings"] if before["version"] == book.version() else []
+    rows = [row for row in kept if row["shard"] not in again]
+    for shard, (_, scored) in again.items():
         found = {name: row for name, row in scored.items() if row["outcome"] in ("right", "tied")}
-        alone = {name: row["true"][0] for name, row in found.items() if row["detectable"] == row["true"]}
-        alone = {name: effect for name, effect in alone.items() if len(scored[name]["true"]) == 1}
+        alone = {name: row["true"][0] for name, row in found.items() if len(row["detectable"]) == 1}
+        alone = {name: effect for name, effect in alone.items() if scored[name]["true"] == [effect]}
         apart = own_folder("without") / shard
         tasks = [
             ((RECORDINGS / shard / name,), apart / name, f"{command} --without {effect}")
@@ -245,7 +257,10 @@ def calibrate(seed: int) -> None:
 
 def verdict_in(folder: Path) -> dict[str, Any] | None:
     """What a diagnosis left; None where it failed."""
-    path = folder / "verdict.json"
+    return _read(folder / "verdict.json")
+
+
+def _read(path: Path) -> dict[str, Any] | None:
     return json.loads(path.read_text()) if path.exists() else None
 
 

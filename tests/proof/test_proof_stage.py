@@ -134,3 +134,17 @@ def test_the_version_is_of_all_that_diagnoses() -> None:
     made_of = {part for part in parts_of("diagnose") if part.startswith("dlolib/")}
     shown = {"dlolib/cli.py", "dlolib/report/diagnosis.py"}
     assert made_of - {"dlolib/params.py"} | shown == set(book.PARTS)
+
+
+def test_what_was_counted_without_of_other_shards_of_this_version_stays(command: str) -> None:
+    proof.main("--size", "1", "--command", command)
+    (shard,) = (row["shard"] for row in rows())
+    counted = {"shard": "shard_0", "name": "000", "effect": "end_angle", "owned_up": True}
+    path = Path("reports/proof/without.json")
+    for version, left in ((book.version(), [counted]), ("another", [])):
+        path.write_text(json.dumps({"version": version, "recordings": [counted]}))
+        proof.main("--without", shard, "--command", command)
+        found = json.loads(path.read_text())
+        assert found["recordings"] == left and found["owned_up"]["of"] == len(left)
+    with pytest.raises(ParameterError, match=r"there is no shard shard_0"):
+        proof.main("--without", "shard_0", "--command", command)
