@@ -17,7 +17,7 @@ from dlolib.lab.arc import arc_motion
 from dlolib.lab.camera import Sensor, default_camera, render
 from dlolib.lab.play import LabRun, play
 from dlolib.lab.rope import LabRope
-from dlolib.lab.scene import build_scene
+from dlolib.lab.scene import Look, build_scene
 from dlolib.progress import track
 from dlolib.types import Camera, CaptureIndex, Ends, Floats, Motion, Obstacle, Pose, Rope
 
@@ -71,12 +71,14 @@ def photographs(
     camera: Camera,
     sensor: Sensor,
     folder: Path,
+    look: Look | None = None,
 ) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
     """Render a rope of this radius in every frame and write the pictures: the files in colour, and of depth.
 
     Args:
         shapes_m: points of the axis (F, M, 3).
         poses: of both ends in every frame, (F,) rows.
+        look: None for a white rope before a black plate.
     """
     paths: dict[str, list[Path]] = {"color": [], "depth": []}
     for name in paths:
@@ -84,7 +86,8 @@ def photographs(
     for frame, xyz in enumerate(track(shapes_m, "camera", len(shapes_m))):
         start = Pose(poses.start_m[frame], poses.start_q[frame])
         end = Pose(poses.end_m[frame], poses.end_q[frame])
-        color, depth = render(build_scene(xyz, radius_m, start, end, obstacles), camera, sensor, frame)
+        scene = build_scene(xyz, radius_m, start, end, obstacles, look)
+        color, depth = render(scene, camera, sensor, frame)
         for name, picture in (("color", color[..., ::-1]), ("depth", depth)):
             path = folder / name / f"{frame:06d}.png"
             cv2.imwrite(str(path), picture)

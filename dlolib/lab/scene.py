@@ -31,12 +31,14 @@ FAR_M = 0.5
 class Look:
     """What the rope and what is behind it look like: reflectances in red, green and blue.
 
-    rope, plate; dim: the share of light that is missing at the right edge of the image.
+    rope, plate; dim: the share of light that is missing at the right edge of the image; plate_y_m: how far
+    behind the wall's clamp the plate stands [m].
     """
 
     rope: tuple[float, float, float] = (ROPE, ROPE, ROPE)
     plate: tuple[float, float, float] = (PLATE, PLATE, PLATE)
     dim: float = 0.0
+    plate_y_m: float = PLATE_Y_M
 
 
 @dataclass(frozen=True)
@@ -69,7 +71,7 @@ def build_scene(
     """
     look = look or Look()
     tube, strands = _tube(xyz_m, radius_m)
-    meshes = [(tube, strands[:, None] * look.rope), (_plate(start.position_m), look.plate)]
+    meshes = [(tube, strands[:, None] * look.rope), (_plate(start.position_m, look.plate_y_m), look.plate)]
     meshes += [(_held(start, CLAMP_BOX_M), CLAMP)]
     meshes += [(_held(end, box), GRIPPER) for box in (JAW_BOX_M, WRIST_BOX_M)]
     meshes += [(_obstacle(one), OBSTACLE) for one in obstacles if one.shape in MESHES]
@@ -116,10 +118,10 @@ def _frames(tangents: Floats) -> tuple[Floats, Floats]:
     return first, np.cross(tangents, first)
 
 
-def _plate(origin: Floats) -> Any:
+def _plate(origin: Floats, behind: float) -> Any:
     """The wall's black plate behind the rope."""
     box = open3d.geometry.TriangleMesh.create_box(2 * FAR_M, 0.01, 2 * FAR_M)
-    return box.translate(origin + np.array([0.2 - FAR_M, PLATE_Y_M, -FAR_M]))
+    return box.translate(origin + np.array([0.2 - FAR_M, behind, -FAR_M]))
 
 
 def _held(pose: Pose, box: tuple[tuple[float, float], float, float]) -> Any:

@@ -18,14 +18,15 @@ from stages.proof_images import CHAIN
 FEW = 3
 
 
-def shortened(case: Case) -> Case:
-    experiment = replace(case.experiment, frame_t_s=case.experiment.frame_t_s[:FEW])
+def shortened(case: Case, first: int = 0) -> Case:
+    some = slice(first, first + FEW)
+    experiment = replace(case.experiment, frame_t_s=case.experiment.frame_t_s[some])
     return replace(
         case,
         experiment=experiment,
-        points_m=case.points_m[:FEW],
-        noise_m=case.noise_m[:FEW],
-        seen=case.seen[:FEW],
+        points_m=case.points_m[some],
+        noise_m=case.noise_m[some],
+        seen=case.seen[some],
     )
 
 
@@ -47,3 +48,17 @@ def test_the_chain_finds_the_rope_of_a_photographed_case(
         mine = found.points.frame == frame
         true = np.stack([np.interp(found.points.s_m[mine], s_m, axis) for axis in shape.T], axis=1)
         assert np.sqrt(np.mean(np.sum((found.points.xyz_m[mine] - true) ** 2, axis=1))) < 1e-3
+
+
+def test_a_rope_that_is_moved_towards_the_plate_stays_before_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    case = draw_case(5, 4, ())
+    farthest = int(case.points_m[..., 1].max(axis=1).argmax())
+    case = shortened(case, farthest - 1)
+    assert case.points_m[..., 1].max() > 0.1
+    given = replace(recording(case, "seen"), static_frames=None, heldout_frames=(2, 2))
+    monkeypatch.setattr(pictures, "recording", lambda case, name: given)
+    pictures.write_pictures(case, "seen", tmp_path / "capture", Sensor())
+    found = extract_chain(open_capture(tmp_path / "capture"), CHAIN)
+    assert [len(frame.s_m) for frame in found.frames] == [30] * FEW
