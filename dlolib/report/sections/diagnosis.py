@@ -10,7 +10,7 @@ from dlolib.report.diagnosis import bends, models_figure, moments_figure, rope_f
 from dlolib.report.model import Block, Column, Figure, Missing, Paragraph, Section, Table
 from dlolib.report.results import Results
 from dlolib.report.style import save
-from dlolib.report.text import fixed, millimetres, scientific, span, title
+from dlolib.report.text import fixed, millimetres, nice_unit, scientific, span, title
 from dlolib.types import Quality, Verdict
 
 TITLE = "What the elastic rod leaves out"
@@ -153,7 +153,7 @@ def _rows(words: str, quality: Quality) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = []
     for k, (name, value) in enumerate(quality.parameters.items()):
         own = figures if k == 0 else ("", "", "")
-        shown = (scientific(value.value), span(value.low, value.high), value.unit or RATIO)
+        shown = (scientific(value.value), span(value.low, value.high), nice_unit(value.unit) or RATIO)
         rows.append((words if k == 0 else "", name.replace(".", ": ").replace("_", " "), *shown, *own))
     return rows
 
@@ -170,7 +170,7 @@ def _detectable(name: str, verdict: Verdict) -> Table:
             title(one.name).lower(),
             one.parameter.replace("_", " "),
             "cannot be seen here" if one.value is None else scientific(one.value, 2),
-            one.unit or RATIO,
+            nice_unit(one.unit) or RATIO,
         )
         for one in verdict.detectable
     )
