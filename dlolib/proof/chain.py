@@ -73,6 +73,7 @@ class Chain:
         self.slides = np.flatnonzero(~self.hinges)
         # The clamps' two hinges each, the start's first: (4,) or none.
         self.clamps = np.flatnonzero(self.kind > SLIDE)
+        self.above = np.triu(np.ones((len(kinds), len(kinds)), dtype=bool), 1)
 
     @property
     def freedoms(self) -> int:
@@ -96,7 +97,7 @@ class Chain:
     def jacobians(self, body: NDArray[np.int64], points_m: Floats) -> Floats:
         """How points (C, 3) of these bodies (C,) move with every degree of freedom, (C, D, 3)."""
         lever = points_m[:, None] - self.anchors
-        moved = np.where(self.hinges[:, None], np.cross(self.axes, lever), self.axes)
+        moved = np.where(self.hinges[:, None], cross(self.axes, lever), self.axes)
         moved[self.joint > body[:, None]] = 0.0
         return np.asarray(moved)
 
@@ -108,11 +109,11 @@ class Chain:
     def forces(self, at_vertices: Floats) -> Floats:
         """Generalised forces (D,) of forces at the vertices (N + 1, 3) [N]."""
         total = _from_here_on(at_vertices)[self.joint]
-        moment = _from_here_on(np.cross(self.vertices, at_vertices))[self.joint]
+        moment = _from_here_on(cross(self.vertices, at_vertices))[self.joint]
         return np.asarray(
             np.where(
                 self.hinges,
-                np.sum(self.axes * (moment - np.cross(self.anchors, total)), axis=1),
+                np.sum(self.axes * (moment - cross(self.anchors, total)), axis=1),
                 np.sum(self.axes * total, axis=1),
             )
         )
@@ -130,10 +131,9 @@ class Chain:
         along = np.where(
             self.hinges[:, None],
             np.einsum("dij,dj->di", spread, self.axes) - trace * self.axes,
-            np.cross(self.axes, total),
+            cross(self.axes, total),
         )
-        upper = np.triu(self.turns @ along.T)
-        return np.asarray(upper + np.triu(upper, 1).T)
+        return self._mirrored(self.turns @ along.T)
 
     def masses(self, at_vertices: Floats) -> Floats:
         """Σ m JᵀJ over the vertices' masses (N + 1,), (D, D): the composite rigid bodies' inertia.
@@ -148,19 +148,22 @@ class Chain:
         spread = second - first[:, :, None] * self.anchors[:, None, :]
         trace = np.trace(spread, axis1=1, axis2=2)[:, None]
         hinge = self.hinges[:, None]
-        momentum = np.where(hinge, np.cross(self.axes, first - mass * self.anchors), mass * self.axes)
+        momentum = np.where(hinge, cross(self.axes, first - mass * self.anchors), mass * self.axes)
         turning = np.where(
             hinge,
             trace * self.axes - np.einsum("dji,dj->di", spread, self.axes),
-            np.cross(first, self.axes),
+            cross(first, self.axes),
         )
-        shift = np.where(hinge, -np.cross(self.axes, self.anchors), self.axes)
-        upper = np.triu(self.turns @ turning.T + shift @ momentum.T)
-        return np.asarray(upper + np.triu(upper, 1).T)
+        shift = np.where(hinge, -cross(self.axes, self.anchors), self.axes)
+        return self._mirrored(self.turns @ turning.T + shift @ momentum.T)
 
     def moment_slopes(self, moment: Floats) -> Floats:
         """How the generalised forces of a constant moment (3,) at the gripper change with q, (D, D)."""
-        return np.asarray(np.tril(self.turns @ np.cross(moment, self.turns).T, -1))
+        return np.where(self.above.T, self.turns @ cross(moment, self.turns).T, 0.0)
+
+    def _mirrored(self, upper: Floats) -> Floats:
+        """What stands on and above the diagonal, the same below it, (D, D)."""
+        return np.where(self.above.T, upper.T, upper)
 
 
 def _order(index: int, bodies: int, stretches: bool, yields: bool) -> list[int]:
@@ -172,7 +175,15 @@ def _order(index: int, bodies: int, stretches: bool, yields: bool) -> list[int]:
 
 def turn_between(turn: Floats, target: Floats) -> Floats:
     """The rotation vector (3,) [rad] in world axes that takes `target` to `turn`, both (3, 3)."""
-    return np.asarray(Rotation.from_matrix(turn @ target.T).as_rotvec())
+    return np.asarray(Rotation.from_matrix(turn @ target.T, assume_valid=True).as_rotvec())
+
+
+def cross(a: Floats, b: Floats) -> Floats:
+    """a x b over the last axis, as `numpy.cross`, which takes several times as long for arrays this small."""
+    found = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        found[..., i] = a[..., j] * b[..., k] - a[..., k] * b[..., j]
+    return found
 
 
 def _from_here_on(values: Floats) -> Floats:
