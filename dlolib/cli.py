@@ -8,14 +8,16 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from typer.exceptions import TyperException
 
-from dlolib.cli_values import RopeValues, parse_effects, parse_topics, parse_values, rope_values
+from dlolib.cli_values import RopeValues, check_places, parse_effects, parse_topics, parse_values, rope_values
 from dlolib.errors import DloError, ParameterError
+from dlolib.outputs import check_out
 
 if TYPE_CHECKING:
     from dlolib.diagnose import DiagnoseSettings
@@ -28,11 +30,13 @@ if TYPE_CHECKING:
 UNUSABLE, INTERRUPTED = 2, 130
 HELP = """A rope's stiffness from depth images, and motions that shape it without contact.
 
-A params.yaml in the working directory sets what its blocks name; without one the defaults hold.
+A params.yaml in the working directory, all blocks of it, sets what they name; without one the defaults hold.
 """
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, help=HELP)
 
-Out = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder to write; replaced whole.")]
+Out = Annotated[
+    Path, typer.Option("--out", metavar="DIR", help="Folder to write; an earlier result is replaced whole.")
+]
 Values = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="NAME=VALUE", help="A value of the rope, such as bending_stiffness=3e-4."),
@@ -101,6 +105,7 @@ def ingest(
     """Check every frame of a recording and write it as a capture: dlo-capture/1."""
     from dlolib.captures import ingest as ingest_capture
 
+    check_out(out, source, motion, about)
     index = ingest_capture(source, out, motion, parse_topics(topic or []), about)
     _say(f"{out}: {len(index.frame)} frames of {index.rope.name}, {index.t_s[-1] - index.t_s[0]:.3g} s")
 
@@ -117,6 +122,7 @@ def chain(
     from dlolib.files import whole_folder
     from dlolib.formats import write_recording
 
+    check_out(out, capture)
     params = _params()
     settings = ChainSettings() if params is None else ChainSettings(**params.chain.model_dump())
     source = open_capture(capture)
@@ -141,14 +147,16 @@ def simulate(
     quasi_static: QuasiStatic = None,
 ) -> None:
     """Simulate a recording's points with a rod under the recording's own motion: dlo-recording/1."""
-    from dlolib.formats import read_recording, write_recording
+    from dlolib.formats import write_recording
     from dlolib.identify import FINER, particles_for
     from dlolib.sim.continuum import simulated
 
-    read = _timed(read_recording(recording), quasi_static)
+    check_out(out, recording, fit, verdict)
+    read = _recording(recording, quasi_static)
     known = rope_values(read.rope, read.name, _known(fit, verdict), parse_values(values or []))
     given = replace(read, rope=known.rope)
     known = replace(known, parameters={**known.parameters, **parse_effects(effects or [])})
+    check_places(known.rope, known.parameters)
     settings = _identify_settings()
     rod = _rod(known, particles_for(known.rope.length_m, settings))
     # corrected as identification corrects, so that a fit is played back as it was made
@@ -163,12 +171,12 @@ def identify(
     verdict: VerdictFile = None,
 ) -> None:
     """Identify a rope's stiffness from its recordings: fit.json, the loss curve, the shapes."""
-    from dlolib.formats import read_recording
     from dlolib.identify import DescentSettings, descend, write_identified
     from dlolib.identify import identify as fit_recordings
 
+    check_out(out, *recordings, verdict)
     settings, params = _identify_settings(), _params()
-    given = [read_recording(folder) for folder in recordings]
+    given = [_recording(folder) for folder in recordings]
     known = _known(None, verdict)
     rods = None if known is None else [_rod(rope_values(one.rope, one.name, known, {})) for one in given]
     found = fit_recordings(given, settings, rods)
@@ -196,15 +204,15 @@ def diagnose(
     from dlolib.diagnose import diagnose as diagnose_recordings
     from dlolib.diagnose import write_diagnosis
     from dlolib.files import whole_folder
-    from dlolib.formats import read_recording
     from dlolib.report import draw_diagnosis
     from dlolib.sim.effects import EFFECTS
 
+    check_out(out, *recordings)
     for name in without or []:
         if name not in EFFECTS:
             problem = f"unknown effect {name!r}"
             raise ParameterError(problem, place="--without", mend=f"choose from {', '.join(sorted(EFFECTS))}")
-    given = [_timed(read_recording(folder), quasi_static) for folder in recordings]
+    given = [_recording(folder, quasi_static) for folder in recordings]
     settings = _diagnose_settings(tuple(without or ()))
     settings = replace(settings, workers=workers or settings.workers)
     diagnosis = diagnose_recordings(given, settings)
@@ -227,14 +235,15 @@ def learn(
     from dlolib.learn import learn as learn_layout
     from dlolib.learn import write_learned
 
+    check_out(out, layout, fit, verdict)
     goal, settings = read_layout(layout), _learn_settings()
     known = rope_values(goal.rope, goal.name, _known(fit, verdict), parse_values(values or []))
     learned = learn_layout(replace(goal, rope=known.rope), _rod(known, settings.particles), settings)
     write_learned(learned, out)
     kept = learned.kept
     clear = "" if learned.free else "; no path with the clearance asked for was found"
-    error, clearance = 1e3 * kept.goal.mean_m, 1e3 * kept.min_clearance_m
-    _say(f"{out}: mean goal error {error:.1f} mm, smallest clearance {clearance:.1f} mm{clear}")
+    least = f"smallest clearance {1e3 * kept.min_clearance_m:.1f} mm" if goal.obstacles else "no obstacle"
+    _say(f"{out}: mean goal error {1e3 * kept.goal.mean_m:.1f} mm, {least}{clear}")
 
 
 @app.command()
@@ -252,6 +261,11 @@ def execute(
     """Run a trajectory on a robot (--host) or in the laboratory (--layout): log and result."""
     if (host is None) == (layout is None):
         raise ParameterError("a run needs one place", place="execute", mend="give --host or --layout")
+    if layout is not None and robot is not None:
+        raise ParameterError(
+            "the laboratory has no robot", place="--robot", mend="leave it out, or give --host"
+        )
+    check_out(out, trajectory, layout, robot)
     if host is not None:
         from dlolib.execute import execute_on_robot, read_robot
 
@@ -284,7 +298,7 @@ def _execute_in_lab(trajectory: Path, layout: Path, out: Path) -> None:
 
 @app.command()
 def report(
-    out: Out,
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the report and its figures.")],
     results: Annotated[Path, typer.Argument(help="What the stages left behind.")] = Path("reports"),
 ) -> None:
     """Write report.html and report.pdf, with their numbers in report.json."""
@@ -318,8 +332,12 @@ def _known(fit: Path | None, verdict: Path | None) -> Fit | None:
     return None if fit is None else read_fit(fit)
 
 
-def _timed(recording: Recording, quasi_static: str | None) -> Recording:
-    """The recording, quasi-static or not as said."""
+def _recording(folder: Path, quasi_static: str | None = None) -> Recording:
+    """The recording, quasi-static or not as said; what is odd about its motion is said, too."""
+    from dlolib.formats import motion_doubts, read_recording, say
+
+    recording = read_recording(folder)
+    say(motion_doubts(recording.motion, recording.points.t_s, folder / "motion.csv"))
     return recording if quasi_static is None else replace(recording, quasi_static=quasi_static == "true")
 
 
@@ -396,6 +414,9 @@ def _say_fit(fit: Fit) -> None:
 
 
 def _say(line: str) -> None:
+    if isinstance(sys.stdout, TextIOWrapper):
+        # a terminal that has no such letter is no reason to fail after the work is done
+        sys.stdout.reconfigure(errors="replace")
     print(line)
 
 

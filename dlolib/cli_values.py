@@ -26,17 +26,20 @@ def parse_values(given: Sequence[str]) -> dict[str, float]:
     """`NAME=VALUE` by name.
 
     Raises:
-        ParameterError: an unknown name, text in a number's place, or a value that is not positive.
+        ParameterError: an unknown name or one given twice, text in a number's place, or a value that is not
+            positive.
     """
     values: dict[str, float] = {}
     for pair in given:
         name, sign, text = pair.partition("=")
         place = f"--set {pair}"
+        if name in values:
+            raise ParameterError(f"{name} is given twice", place=place, mend="give it once")
         if name not in NAMES:
             mend = f"valid are {', '.join(NAMES)}"
             raise ParameterError(f"unknown name {name!r}", place=place, mend=mend)
         try:
-            value = float(text)
+            value = _number(text)
         except ValueError:
             problem = f"{text!r} in a number's place" if sign else "no value"
             raise ParameterError(problem, place=place, mend=f"write {name}=NUMBER") from None
@@ -50,24 +53,42 @@ def parse_effects(given: Sequence[str]) -> dict[str, float]:
     """`NAME:PARAM=VALUE,PARAM=VALUE` by `NAME.PARAM`; NAME alone stands for its parameters' usual values.
 
     Raises:
-        ParameterError: an unknown effect or parameter, text in a number's place, or a value out of range.
+        ParameterError: an unknown effect or parameter or one given twice, text in a number's place, or a
+            value out of range.
     """
     from dlolib.sim.effects import named
 
     values: dict[str, float] = {}
     for one in given:
         name, _, listed = one.partition(":")
+        place = f"--effect {one}"
         parts: dict[str, float] = {}
         for pair in listed.split(",") if listed else ():
             part, sign, text = pair.partition("=")
             try:
-                parts[part.strip()] = float(text)
+                value = _number(text)
             except ValueError:
                 problem = f"{text!r} in a number's place" if sign else "no value"
                 mend = f"write {name}:{part or 'PARAM'}=NUMBER"
-                raise ParameterError(problem, place=f"--effect {one}", mend=mend) from None
-        values |= named(name.strip(), parts)
+                raise ParameterError(problem, place=place, mend=mend) from None
+            if part.strip() in parts:
+                raise ParameterError(f"{part.strip()} is given twice", place=place, mend="give it once")
+            parts[part.strip()] = value
+        try:
+            found = named(name.strip(), parts)
+        except ParameterError as error:
+            raise ParameterError(error.problem, place=place, mend=error.mend) from error
+        if found.keys() & values.keys():
+            raise ParameterError(f"{name.strip()} is given twice", place=place, mend="give it once")
+        values |= found
     return values
+
+
+def _number(text: str) -> float:
+    """A number as other programs write it: Python itself would take 3_0 for 30."""
+    if "_" in text:
+        raise ValueError(text)
+    return float(text)
 
 
 def parse_topics(given: Sequence[str]) -> dict[str, str]:
@@ -102,6 +123,7 @@ def rope_values(rope: Rope, name: str, fit: Fit | None, values: Mapping[str, flo
         rope = replace(rope, linear_density_kg_m=values["linear_density"])
     parameters: dict[str, float] = {}
     for key, estimate in _stored(fit, name):
+        _check_stored(key, estimate.value)
         if key in STIFFNESSES and rope.linear_density_kg_m is None:
             problem = f"{key} is in {estimate.unit}, but the density of {rope.name} is not known"
             raise ParameterError(problem, place="--fit", mend="give --set linear_density=VALUE")
@@ -113,7 +135,35 @@ def rope_values(rope: Rope, name: str, fit: Fit | None, values: Mapping[str, flo
         mend = "give --set bending_stiffness=VALUE (N m^2) or --fit FILE"
         raise ParameterError("no bending_stiffness is given", place=name, mend=mend)
     parameters.setdefault("torsional_stiffness", parameters["bending_stiffness"])
+    check_places(rope, parameters)
     return RopeValues(rope, parameters)
+
+
+def _check_stored(key: str, value: float) -> None:
+    """Refuse a stored parameter that no rod has."""
+    from dlolib.sim.effects import check
+
+    try:
+        if key.removesuffix(RATIO) not in STIFFNESSES:
+            check(key, value)
+        elif not 0 < value < float("inf"):
+            raise ParameterError(f"{value:g} is not a positive number", mend="give one above 0")
+    except ParameterError as error:
+        raise ParameterError(error.problem, place=f"--fit or --verdict: {key}", mend=error.mend) from error
+
+
+def check_places(rope: Rope, parameters: Mapping[str, float]) -> None:
+    """Refuse an effect at a place beyond the rope's end, as one that was found on a longer rope.
+
+    Raises:
+        ParameterError: names it and the rope's length.
+    """
+    from dlolib.sim.effects import parameter
+
+    for name, value in parameters.items():
+        if name not in STIFFNESSES and parameter(name).along == "rope" and value > rope.length_m:
+            problem = f"{name} = {value:g} m is beyond the end of a rope of {rope.length_m:g} m"
+            raise ParameterError(problem, mend="give a place on it")
 
 
 def _stored(fit: Fit | None, name: str) -> list[tuple[str, Estimate]]:

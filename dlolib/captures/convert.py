@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +16,17 @@ from dlolib.captures.clock import falls
 from dlolib.captures.cloud_folder import read_cloud
 from dlolib.captures.foreign import Foreign, Shot
 from dlolib.captures.pictures import check_color, check_depth
-from dlolib.captures.plausible import check_times, motion_doubts, say
+from dlolib.captures.plausible import check_times
 from dlolib.errors import FormatError
 from dlolib.files import whole_folder
-from dlolib.formats import Given, read_capture_index, read_given_motion, write_capture_index
+from dlolib.formats import (
+    Given,
+    motion_doubts,
+    read_capture_index,
+    read_given_motion,
+    say,
+    write_capture_index,
+)
 from dlolib.progress import track
 from dlolib.types import Camera, CaptureIndex, Floats, Motion
 
@@ -77,7 +84,7 @@ def _check_written(folder: Path, path: Path) -> list[str]:
     try:
         index = read_capture_index(folder)
         check_times(index)
-        return motion_doubts(replace(index, folder=path))
+        return [] if index.motion is None else motion_doubts(index.motion, index.t_s, path / "motion.csv")
     except FormatError as error:
         name = error.file.name if error.file else ""
         place = ", ".join(part for part in (f"as {name}", error.place) if part)

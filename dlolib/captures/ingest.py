@@ -14,14 +14,15 @@ from dlolib.captures.foreign import Asked, Foreign
 from dlolib.captures.image_folder import ImageFolder
 from dlolib.captures.kinect import AzureKinect
 from dlolib.captures.pictures import read_color, read_depth
-from dlolib.captures.plausible import Doubted, check_inside, check_times, doubts, say
+from dlolib.captures.plausible import Doubted, check_inside, check_times, doubts
 from dlolib.captures.realsense import RealSense
 from dlolib.captures.redwood import RedwoodFolder
 from dlolib.captures.ros import RosBag
 from dlolib.captures.tum import TumFolder
 from dlolib.errors import FormatError, ParameterError
 from dlolib.files import whole_folder
-from dlolib.formats import read_capture_index, read_given
+from dlolib.formats import read_capture_index, read_given, say
+from dlolib.outputs import check_out
 from dlolib.progress import track
 from dlolib.types import CaptureIndex
 
@@ -76,8 +77,7 @@ def ingest(
         ParameterError: a topic's role that the format does not know.
     """
     source, out = Path(source), Path(out)
-    if out.resolve() == source.resolve() or source.resolve().is_relative_to(out.resolve()):
-        raise FormatError("is the source itself", file=out, mend="write to another folder")
+    check_out(out, source)
     if (found := _format(source)) is None:
         return _copied(source, out, motion_csv, topics, object_json)
     _check_roles(found, topics or {})

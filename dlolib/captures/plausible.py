@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,15 +10,11 @@ import numpy as np
 
 from dlolib.captures.base import Frame, Source
 from dlolib.errors import FormatError
-from dlolib.types import CaptureIndex, Floats, Motion
+from dlolib.formats import motion_doubts, moves, say
+from dlolib.types import CaptureIndex, Floats
 
-LOG = logging.getLogger(__name__)
 # No clock counts so far: 3000 years of seconds.
 LATEST_S = 1e11
-# Beyond a motion's first and last row its poses hold; what is more than a part of a frame is worth a word.
-BEYOND_FRAMES = 0.5
-# An end that stands still fits every clock.
-MOVES_M = 1e-3
 # Where DVC keeps files and may link to: <cache>/files/md5/ab/cdef...
 DVC_CACHE = ("files", "md5")
 
@@ -51,7 +46,7 @@ def check_times(index: CaptureIndex) -> None:
             raise FormatError(
                 problem, file=index.folder / name, place="column t_s", mend="give seconds; correct that row"
             )
-    if motion is None or not _moves(motion):
+    if motion is None or not moves(motion):
         return
     if motion.t_s[0] > index.t_s[-1] or motion.t_s[-1] < index.t_s[0]:
         problem = (
@@ -72,25 +67,7 @@ def doubts(index: CaptureIndex) -> list[str]:
         # the last number may be half of one
         problem, mend = "does not end with a line break", "check that it is whole"
         found.append(str(FormatError(problem, file=table, place="last line", mend=mend)))
-    return found + motion_doubts(index)
-
-
-def motion_doubts(index: CaptureIndex) -> list[str]:
-    """Frames before or after the rows of the motion, where its first or last pose holds."""
-    motion, file = index.motion, index.folder / "motion.csv"
-    if motion is None or not _moves(motion):
-        return []
-    step = float(np.median(np.diff(index.t_s))) if len(index.t_s) > 1 else 0.0
-    found = []
-    for late, what in (
-        (motion.t_s[0] - index.t_s[0], "begins {:.3g} s after the first frame"),
-        (index.t_s[-1] - motion.t_s[-1], "ends {:.3g} s before the last frame"),
-    ):
-        if late > BEYOND_FRAMES * step:
-            problem = f"{what.format(late)}, and its pose there is taken to hold"
-            mend = "check that it is whole and that both clocks agree"
-            found.append(str(FormatError(problem, file=file, place="column t_s", mend=mend)))
-    return found
+    return found + ([] if index.motion is None else motion_doubts(index.motion, index.t_s, table))
 
 
 def unnamed(paths: Iterable[Path], table: Path) -> list[str]:
@@ -117,12 +94,6 @@ def unpaired(depth_s: Floats, pairs: int, path: Path, what: str) -> list[str]:
     return [str(FormatError(problem, file=path, place=what, mend=mend))] if left else []
 
 
-def say(lines: Iterable[str]) -> None:
-    """Say doubts as warnings; by default Python's logging writes them to standard error."""
-    for line in lines:
-        LOG.warning("warning: %s", line)
-
-
 @dataclass
 class Doubted:
     """A source that says its doubts once, when all frames were read: a refusal stays a single line."""
@@ -141,8 +112,3 @@ class Doubted:
         if not self.said:
             self.said = True
             say(doubts(self.index))
-
-
-def _moves(motion: Motion) -> bool:
-    held = [place for place in (motion.start_m, motion.end_m) if not np.isnan(place).all()]
-    return any(float(np.ptp(place, axis=0).max()) > MOVES_M for place in held)

@@ -23,7 +23,7 @@ from dlolib.diagnose.workers import Workers
 from dlolib.errors import ParameterError
 from dlolib.formats import interpolate_motion
 from dlolib.identify.identify import FIRST_STIFFNESS_M4_S2
-from dlolib.identify.problem import axes, seen_axes
+from dlolib.identify.problem import axes, check_one_object, seen_axes
 from dlolib.types import Floats, Noise, Recording, Verdict
 
 FEWEST_POINTS, FEWEST_FRAMES = 12, 2
@@ -89,16 +89,17 @@ def diagnose(recordings: Sequence[Recording], settings: DiagnoseSettings) -> Dia
 
 
 def _check(recordings: Sequence[Recording]) -> None:
+    check_one_object(recordings)
     first = recordings[0]
     for recording in recordings:
-        if recording.rope.name != first.rope.name or recording.rope.length_m != first.rope.length_m:
-            problem = f"{recording.name} is of {recording.rope.name}, {first.name} of {first.rope.name}"
-            raise ParameterError(problem, mend="diagnose recordings of one object together")
-        points = recording.points
-        if len(points.s_m) < FEWEST_POINTS or len(np.unique(points.frame)) < FEWEST_FRAMES:
-            problem = (
-                f"{recording.name} has {len(points.s_m)} points in {len(np.unique(points.frame))} frames"
-            )
+        if recording.rope.length_m != first.rope.length_m:
+            long, as_long = recording.rope.length_m, first.rope.length_m
+            problem = f"the rope is {long:g} m long in {recording.name}, {as_long:g} m in {first.name}"
+            raise ParameterError(problem, place="object.length_m", mend="give both one length")
+        fitted = _fitted_points(recording, 0.0)
+        points, frames = int(fitted.sum()), len(np.unique(recording.points.frame[fitted]))
+        if points < FEWEST_POINTS or frames < FEWEST_FRAMES:
+            problem = f"{recording.name} has {points} points in {frames} frames that are not held out"
             mend = f"a diagnosis needs {FEWEST_FRAMES} frames and {FEWEST_POINTS} points"
             raise ParameterError(problem, place="points.csv", mend=mend)
         _check_ends(recording)

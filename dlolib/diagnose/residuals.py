@@ -47,7 +47,8 @@ def slow_modes(residuals: Sequence[Floats], parameters: int, modes: int = MODES)
     slow, slow_count, quick, quick_count = 0.0, -parameters, 0.0, 0
     for grid in residuals:
         squares = dctn(grid, axes=(0, 1), norm="ortho") ** 2
-        low = squares[:modes, :modes]
+        frames, places = _slow(grid.shape[0], grid.shape[1], modes)
+        low = squares[:frames, :places]
         slow += float(low.sum())
         slow_count += low.size
         quick += float(squares.sum() - low.sum())
@@ -56,6 +57,14 @@ def slow_modes(residuals: Sequence[Floats], parameters: int, modes: int = MODES)
     energy = slow / max(slow_count, 1) / scale
     p = float(stats.f.sf(energy, max(slow_count, 1), quick_count))
     return SlowModes(energy, p, slow - slow_count * scale)
+
+
+def _slow(frames: int, places: int, modes: int) -> tuple[int, int]:
+    """How many modes over frames and along the rope are slow: of a small recording half, or
+    none were quick."""
+    if max(frames, places) > modes:
+        return modes, modes
+    return (frames + 1) // 2, (places + 1) // 2
 
 
 def amiss(model: Fitted) -> bool:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from types import TracebackType
 from typing import Any
 
@@ -16,8 +18,22 @@ from dlolib.progress import track
 _STUDY: list[Study] = []
 
 
+@contextmanager
+def _unheard() -> Iterator[None]:
+    """A process that is started here does not hear Ctrl-C until it is ready: it would print where it was."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 def _never_alone() -> None:
     """End with the first process, however that one ends: it may be killed in the middle of a job."""
+    signal.signal(signal.SIGINT, lambda *_: os._exit(1))
     first = multiprocessing.parent_process()
     assert first is not None, "this is the first process"
 
@@ -61,7 +77,8 @@ class Workers:
         """Go on with this study; the other processes do `ready` first, which compiles what they need."""
         self._study = study
         for pool in self._others:
-            pool.submit(_begin, study)
+            with _unheard():
+                pool.submit(_begin, study)
             if ready is not None:
                 pool.submit(ready, study)
 

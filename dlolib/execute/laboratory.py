@@ -23,6 +23,8 @@ from dlolib.lab.rope import LabRope, Law
 from dlolib.types import Floats, Layout, Motion
 
 SETTLE_S = 2.0
+# An hour: what lasts longer is a clock that jumped.
+LONGEST_S = 3600.0
 EVERY = 30
 GRASP_M = 5e-3
 RUNNING = {"speed_scaling": 1.0, "robot_mode": 7.0, "safety_mode": 1.0, "runtime_state": 2.0}
@@ -92,6 +94,7 @@ def execute_in_lab(
         ParameterError: the trajectory does not begin at the layout's grasp, or the laboratory cannot play it.
         SimulationError: the rope became unstable.
     """
+    _check_times(trajectory)
     away = float(np.linalg.norm(trajectory.end_m[0] - layout.grasp.position_m))
     if not away < GRASP_M:
         problem = f"the trajectory begins {away:.3f} m away from the grasp of {layout.name}"
@@ -116,6 +119,15 @@ def execute_in_lab(
         raise ParameterError("no law to run", place="laws", mend="give elastic, plastic, or both")
     log = gripper_log(last, trajectory)
     return LabExecution(_result(log, trajectory), outcomes, log, pd.concat(shapes, ignore_index=True))
+
+
+def _check_times(trajectory: Motion) -> None:
+    rows, lasts_s = len(trajectory.t_s), float(np.ptp(trajectory.t_s))
+    if rows < 2:
+        raise ParameterError("the trajectory has fewer than two rows", mend="give the whole motion")
+    if lasts_s > LONGEST_S:
+        problem = f"the trajectory lasts {lasts_s:g} s"
+        raise ParameterError(problem, place="column t_s", mend="look for a jump of the clock")
 
 
 def sampled_steps(trajectory: Motion) -> tuple[list[int], Floats]:

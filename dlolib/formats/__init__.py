@@ -1,6 +1,7 @@
 """The files at the border: read strictly, written whole, refused in one line."""
 
 from dlolib.formats.capture import read_capture_index, write_capture_index, write_capture_json
+from dlolib.formats.doubts import motion_doubts, moves, say
 from dlolib.formats.fit import read_fit, write_fit
 from dlolib.formats.geometry import nearest_distance, signed_distance
 from dlolib.formats.given import Given, read_given, read_given_motion
@@ -12,6 +13,8 @@ from dlolib.formats.verdict import read_verdict, write_verdict
 __all__ = [
     "Given",
     "interpolate_motion",
+    "motion_doubts",
+    "moves",
     "nearest_distance",
     "read_capture_index",
     "read_fit",
@@ -21,6 +24,7 @@ __all__ = [
     "read_motion",
     "read_recording",
     "read_verdict",
+    "say",
     "signed_distance",
     "write_capture_index",
     "write_capture_json",

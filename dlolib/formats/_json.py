@@ -49,6 +49,9 @@ def read_json(path: Path, form: str) -> dict[str, Any]:
         ) from error
     except _ConstantError as error:
         raise FormatError(f"{error} is not JSON", file=path, mend="give a finite number or null") from error
+    except (ValueError, RecursionError) as error:
+        # numbers of thousands of digits, and lists in lists without end
+        raise FormatError(f"cannot be read: {str(error)[:80]}", file=path, mend="mend it") from error
     if not isinstance(content, dict):
         raise FormatError("holds no JSON object", file=path, mend='begin with {"format": ...}')
     if content.get("format") != form:

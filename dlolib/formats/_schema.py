@@ -16,6 +16,8 @@ from dlolib.types import Ends, Floats, Obstacle, Pose, Rope
 
 LARGEST_M = 50.0
 LARGEST_G_M_S2 = 100.0
+# Beyond it the square of a number is none.
+LARGEST = 1e100
 UNIT_TOLERANCE = 1e-2
 POSITIVE = ("radius_m", "height_m", "size_m")
 MILLIMETRES = "looks like millimetres; divide by 1000"
@@ -138,7 +140,7 @@ class Scene(Strict):
 def parse_obstacle(value: dict[str, Any], place: str) -> Obstacle:
     """One obstacle with its values checked; a `ValueError` says what is wrong."""
     shape = value.get("shape")
-    if shape not in SHAPES:
+    if not isinstance(shape, str) or shape not in SHAPES:
         raise ValueError(f"{place}unknown shape {shape!r}; valid are {', '.join(SHAPES)}")
     numbers = {
         name: _obstacle_value(value, name, count, f"{place}{shape}: ")
@@ -151,7 +153,7 @@ def _obstacle_value(value: dict[str, Any], name: str, count: int, place: str) ->
     given = value.get(name)
     listed: list[Any] = given if isinstance(given, list) else [given]
     right = all(isinstance(number, int | float) and not isinstance(number, bool) for number in listed)
-    if len(listed) != count or not right or not np.isfinite(listed).all():
+    if len(listed) != count or not right or not all(abs(number) < LARGEST for number in listed):
         asked = "a number" if count == 1 else f"{count} numbers"
         raise ValueError(f"{place}{name} = {given!r}; give {asked}")
     numbers = np.array(listed, dtype=np.float64)

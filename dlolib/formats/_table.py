@@ -55,6 +55,9 @@ def read_table(
     if lacking:
         problem = f"no column {lacking[0]}, found {', '.join(map(str, raw.columns))[:120]}"
         raise FormatError(problem, file=path, place="line 1", mend="name it in a comma-separated header")
+    twice = [name for name in (*numbers, *texts) if f"{name}.1" in raw.columns]
+    if twice:
+        raise FormatError(f"two columns {twice[0]}", file=path, place="line 1", mend="remove one of them")
     rows = raw[(raw != "").any(axis=1)]
     if rows.empty:
         raise FormatError("has no rows", file=path, mend="give at least one")

@@ -19,6 +19,8 @@ from dlolib.formats.motion import interpolate_motion, read_motion, write_motion
 from dlolib.types import Floats, Ints, Motion, Noise, Points, Recording, Rope
 
 FORM = "dlo-recording/1"
+# A tenth of a micrometre, squared: no camera knows a point better.
+LEAST_VARIANCE_M2 = 1e-14
 COVARIANCES = ("cxx_m2", "cxy_m2", "cxz_m2", "cyy_m2", "cyz_m2", "czz_m2")
 UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
@@ -167,7 +169,7 @@ def _read_points(path: Path, rope: Rope, planar: str | None) -> Points:
         )
         raise table.refusal(row, "s_m", problem, "remove one of them")
     check_places(frame, s_m, xyz, rope, path, lines)
-    return Points(frame, table.numbers["t_s"][order], s_m, xyz, _covariance(table, order))
+    return Points(frame, table.numbers["t_s"][order], s_m, xyz, _covariance(table, order, planar))
 
 
 def _check_frames(table: Table, frame: Ints) -> None:
@@ -187,7 +189,7 @@ def _check_frames(table: Table, frame: Ints) -> None:
         raise table.refusal(int(row), "t_s", f"t_s falls from {before} to {here}", "sort the frames by time")
 
 
-def _covariance(table: Table, order: Ints) -> Floats | None:
+def _covariance(table: Table, order: Ints, planar: str | None) -> Floats | None:
     """Covariances (P, 3, 3) [m^2] in the given order, or None without the six columns."""
     given = [name for name in COVARIANCES if name in table.numbers]
     if not given:
@@ -200,9 +202,13 @@ def _covariance(table: Table, order: Ints) -> Floats | None:
     covariance = np.empty((len(order), 3, 3))
     for name, (i, j) in zip(COVARIANCES, UPPER, strict=True):
         covariance[:, i, j] = covariance[:, j, i] = table.numbers[name]
-    bad = np.flatnonzero(np.linalg.eigvalsh(covariance)[:, 0] < -1e-12)
+    # a picture's plane says nothing of y
+    seen = [0, 2] if planar else [0, 1, 2]
+    least = np.linalg.eigvalsh(covariance[:, seen][:, :, seen])[:, 0]
+    bad = np.flatnonzero(least < LEAST_VARIANCE_M2)
     if bad.size:
-        raise table.refusal(int(bad[0]), "cxx_m2", "is no covariance: negative in a direction", "correct it")
+        problem = f"is no covariance: {least[bad[0]]:.3g} m^2 in a direction"
+        raise table.refusal(int(bad[0]), "cxx_m2", problem, "no point is known exactly: give above 0")
     return covariance[order]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import asdict
 from pathlib import Path
 
@@ -26,7 +27,8 @@ def read_verdict(path: Path) -> Verdict:
     path = path / FILE if path.is_dir() else path
     content = read_json(path, FORM)
     try:
-        return TypeAdapter(Verdict).validate_python({k: v for k, v in content.items() if k != "format"})
+        told = json.dumps({k: v for k, v in content.items() if k != "format"})
+        return TypeAdapter(Verdict).validate_json(told, strict=True)
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"])

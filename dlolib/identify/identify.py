@@ -12,8 +12,8 @@ from scipy.optimize import Bounds, OptimizeResult, least_squares
 
 from dlolib.errors import ParameterError, SimulationError
 from dlolib.identify.intervals import bootstrap
-from dlolib.identify.parameters import Unknown, acting, candidates
-from dlolib.identify.problem import Bools, Problem, axes
+from dlolib.identify.parameters import ACTS_M, LOGARITHM_SCALE, Unknown, acting, candidates
+from dlolib.identify.problem import Bools, Problem, axes, check_one_object
 from dlolib.sim.continuum import mesh_error, refined
 from dlolib.sim.poses import model_of, near
 from dlolib.sim.recording import dynamic_step
@@ -105,8 +105,14 @@ def identify(
             are sought from that without it, as in a diagnosis.
 
     Raises:
-        ParameterError: a name in `settings.parameters` is unknown or does not act.
+        ParameterError: a name in `settings.parameters` is unknown or does not act; nothing loads the rope;
+            recordings of different objects, or all of their frames held out.
     """
+    check_one_object(recordings)
+    for recording in recordings:
+        if _declared(recording).all():
+            held = f"{recording.name}: every frame is held out"
+            raise ParameterError(held, place="heldout_frames", mend="leave frames to fit")
     problem, theta = _begin(recordings, settings, given)
     problem, theta = _acting_only(problem, theta, settings)
     history: list[Floats] = []
@@ -175,7 +181,9 @@ def _best_start(problem: Problem, theta: Floats, settings: IdentifySettings, his
 
 
 def _acting_only(problem: Problem, theta: Floats, settings: IdentifySettings) -> tuple[Problem, Floats]:
-    positions = acting(problem.unknowns, problem.jacobian(theta))
+    jacobian = problem.jacobian(theta)
+    _check_loaded(problem, jacobian)
+    positions = acting(problem.unknowns, jacobian)
     if settings.parameters is not None:
         named = {u.name for u in problem.unknowns}
         for name in settings.parameters:
@@ -189,6 +197,18 @@ def _acting_only(problem: Problem, theta: Floats, settings: IdentifySettings) ->
             "no parameter acts on these recordings", mend="record a motion that bends the rope"
         )
     return _keeping_rods(problem, theta, positions), theta[positions]
+
+
+def _check_loaded(problem: Problem, jacobian: Floats) -> None:
+    """Refuse a rope that only its own clamps bend: its shape tells GJ / EI, and any EI fits it."""
+    alone = LOGARITHM_SCALE * jacobian[:, [k for k, u in enumerate(problem.unknowns) if u.stiffness]]
+    together = alone.sum(axis=1)
+    if np.abs(together).max() < ACTS_M < np.abs(alone).max():
+        raise ParameterError(
+            "no load tells how stiff the rope is: EI and GJ together move no point",
+            place="gravity_m_s2",
+            mend="correct gravity, or record the rope with a mass at its tip",
+        )
 
 
 def _keeping_rods(problem: Problem, theta: Floats, positions: Sequence[int]) -> Problem:

@@ -15,14 +15,15 @@ FEWEST_POSES = 4
 
 
 def blocks(model: Model, used: Bools) -> Ints:
-    """A block number for each used point: runs of consecutive frames, or stretches of the rope.
+    """A block number for each used point: runs of consecutive frames, or stretches of the rope where these
+    are few or show few poses.
 
     Residuals of neighbouring frames and points are not independent; whole blocks are.
     """
     points = model.recording.points
     frames = np.unique(points.frame[used])
     at = np.searchsorted(frames, points.frame[used])
-    if poses(model) >= FEWEST_POSES:
+    if min(poses(model), len(frames)) >= FEWEST_POSES:
         return np.asarray(at * min(BLOCKS, len(frames)) // len(frames), dtype=np.int64)
     share = points.s_m[used] / model.recording.rope.length_m
     return np.minimum(share * BLOCKS, BLOCKS - 1).astype(np.int64)

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import approx_fprime
 
+from dlolib.errors import ParameterError
 from dlolib.identify.parameters import Unknown
 from dlolib.sim.poses import Model
 from dlolib.sim.rod import Rod
 from dlolib.types import Floats, Recording
 
 Bools = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
+# Lengths of one object, measured again for each recording, differ by no more than this share.
+AS_LONG = 0.05
 
 
 @dataclass(frozen=True)
@@ -84,3 +89,27 @@ def axes(model: Model) -> list[int]:
 def seen_axes(recording: Recording) -> list[int]:
     """The same of a recording."""
     return [0, 2] if recording.planar == "xz" else [0, 1, 2]
+
+
+def check_one_object(recordings: Sequence[Recording]) -> None:
+    """Refuse recordings of different objects, which no one stiffness fits, and two of one name, whose own
+    mounting could not be told apart; the mass at the tip may differ.
+
+    Raises:
+        ParameterError: names the two recordings and what differs.
+    """
+    first = recordings[0]
+    for one in recordings[1:]:
+        for what in ("name", "linear_density_kg_m", "diameter_m", "length_m"):
+            here, there = getattr(one.rope, what), getattr(first.rope, what)
+            alike = here == there or (what == "length_m" and abs(here - there) <= AS_LONG * there)
+            if not alike:
+                raise ParameterError(
+                    f"{one.name} has object.{what} = {here!r}, {first.name} has {there!r}",
+                    place="recording.json",
+                    mend="give recordings of one object together, with what is known of it in each",
+                )
+    name, times = Counter(one.name for one in recordings).most_common(1)[0]
+    if times > 1:
+        mend = "give each once, under a name of its own"
+        raise ParameterError(f"{times} recordings are named {name}", place="recording.json", mend=mend)

@@ -60,7 +60,8 @@ def result(learned: Learned) -> dict[str, Any]:
     return {
         "layout": learned.layout.name,
         "goal_error_m": {"mean": kept.goal.mean_m, "max": kept.goal.max_m, "end": kept.goal.end_m},
-        "min_clearance_m": kept.min_clearance_m,
+        # none without an obstacle, which JSON has no number for
+        "min_clearance_m": kept.min_clearance_m if np.isfinite(kept.min_clearance_m) else None,
         "contacts": kept.contacts,
         "iterations": len(learned.curve),
         "kept_iteration": learned.kept_iteration,

@@ -49,6 +49,8 @@ def build_report(
     results, out = Path(results), Path(out)
     if not results.is_dir():
         raise DloError("no such folder", file=results, mend="name the folder with the stages' results")
+    if (out / "figures").exists() and not (out / "report.json").exists():
+        raise DloError("is there and of no report", file=out / "figures", mend="write to a folder of its own")
     beside = Path(os.path.normpath(results / ".." / "data"))
     source = Results(results, beside if data is None else Path(data), has_truth, parameters)
     out.parent.mkdir(parents=True, exist_ok=True)

@@ -20,7 +20,8 @@ def stiffness(results: Results, name: str = CAPTURED) -> Estimate | None:
 
 def clear(result: Mapping[str, Any]) -> bool:
     """Whether a learned motion kept out of every obstacle at every step."""
-    return bool(result["min_clearance_m"] >= 0)
+    clearance = result["min_clearance_m"]
+    return clearance is None or bool(clearance >= 0)
 
 
 def headline(results: Results) -> dict[str, Any]:
@@ -33,11 +34,12 @@ def headline(results: Results) -> dict[str, Any]:
     ei, fit = stiffness(results), results.fit(CAPTURED)
     in_newton = ei is not None and "N" in ei.unit
     learned = [result for name in results.layouts if (result := results.json("learn", name, "result.json"))]
+    clearances = [value for result in learned if (value := result["min_clearance_m"]) is not None]
     error = results.chain_error
     return {
         "ei_n_m2": {"value": ei.value, "low": ei.low, "high": ei.high} if ei and in_newton else None,
         "residual_m": fit.rmse_m if fit else None,
         "chain_rms_m": error.rms_m if error else None,
         "worst_goal_error_m": max(result["goal_error_m"]["mean"] for result in learned) if learned else None,
-        "smallest_clearance_m": min(result["min_clearance_m"] for result in learned) if learned else None,
+        "smallest_clearance_m": min(clearances, default=None),
     }

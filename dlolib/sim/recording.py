@@ -35,6 +35,8 @@ CLOSE, BRIEF = 0.25, 0.01
 LEAST_DIFFERENCE = 1e-9
 # A step of the dynamic clock follows an end by this share of the rope's length and by this turn.
 FOLLOWED, FOLLOWED_RAD = 0.25, 1.0
+# A roll-out of so many steps takes all of a machine's memory.
+MOST_STEPS = 1_000_000
 # Dynamic steps between two rows of the motion: what is recorded so often moves that fast.
 STEPS_A_ROW = 4
 
@@ -316,6 +318,9 @@ def _step_times(recording: Recording, step_s: float | None, share: float) -> Flo
         released = recording.ends.start == recording.ends.end == "free"
         begin = frames[0] + step_s if released else rows[0]
         last = max(frames[-1], begin + step_s)
+        if last - begin > MOST_STEPS * step_s:
+            problem = f"{last - begin:g} s in steps of {step_s:g} s are more than {MOST_STEPS:,} steps"
+            raise SimulationError(problem, mend="look for a jump of the clock in t_s")
         return np.asarray(begin + step_s * np.arange(np.ceil((last - begin) / step_s - 1e-9) + 1))
     frames = np.unique(np.concatenate([rows[:1], frames]))
     fine = np.unique(np.concatenate([frames, rows[rows <= frames[-1]]]))

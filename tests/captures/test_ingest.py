@@ -133,7 +133,7 @@ def test_damage_is_refused_and_nothing_is_written(
 def test_never_over_the_source(capture: Path) -> None:
     before = files(capture)
     for out in (capture, capture.parent):
-        with pytest.raises(FormatError, match="source itself"):
+        with pytest.raises(FormatError, match="is or holds the input"):
             ingest(capture, out)
     assert files(capture) == before
 

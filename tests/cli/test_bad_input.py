@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import subprocess
@@ -58,6 +59,15 @@ def truncated(name: str) -> Spoil:
     return cut
 
 
+def nested(name: str) -> Spoil:
+    """Lists in lists, deeper than any program reads."""
+
+    def spoil(folder: Path) -> None:
+        (folder / name).write_text("[" * 100_000)
+
+    return spoil
+
+
 def blank(folder: Path) -> None:
     for path in (folder / "color").iterdir():
         cv2.imwrite(str(path), np.zeros((160, 360, 3), np.uint8))
@@ -109,6 +119,10 @@ RECORDING: list[tuple[Spoil, str]] = [
     ),
     (key("recording.json", "object.length_m", 0), "object.length_m: Input should be greater than 0"),
     (key("recording.json", "obstacles.0.shape", "torus"), "valid are cylinder, sphere, plane, box, capsule"),
+    (key("recording.json", "obstacles.0.shape", ["box"]), "unknown shape ['box']; valid are"),
+    (key("recording.json", "obstacles.0.radius_m", 10**400), "obstacles: number 0: cylinder: radius_m"),
+    (key("recording.json", "obstacles.0.axis", [1e200, 1e200, 0]), "obstacles: number 0: cylinder: axis"),
+    (nested("recording.json"), "recording.json: cannot be read"),
 ]
 LAYOUT: list[tuple[Spoil, str]] = [
     (shutil.rmtree, "bad: no such folder"),
@@ -197,6 +211,17 @@ def fit_file(tmp_path: Path) -> Path:
     return tmp_path / "fit.json"
 
 
+def found(name: str, value: float) -> Spoil:
+    """A fit that says that a further effect was found."""
+
+    def spoil(folder: Path) -> None:
+        content = json.loads((folder / "fit.json").read_text())
+        content["parameters"][name] = {"value": value, "low": None, "high": None, "unit": ""}
+        (folder / "fit.json").write_text(json.dumps(content))
+
+    return spoil
+
+
 @pytest.mark.parametrize("command", ["simulate", "learn"])
 @pytest.mark.parametrize(
     ("spoil", "says"),
@@ -208,6 +233,8 @@ def fit_file(tmp_path: Path) -> Path:
             "fit.json: parameters.bending_stiffness",
         ),
         (key("fit.json", "parameters.bending_stiffness.value", -3e-4), "bending_stiffness"),
+        (found("end_angle.start_1", 50.0), "--fit or --verdict: end_angle.start_1: end_angle.start_1 = 50"),
+        (found("mass_profile.s", 9.0), "mass_profile.s = 9 m is beyond the end of a rope of 0.445 m"),
         (key("fit.json", "parameters", {}), "bending_stiffness"),
     ],
     ids=told,
@@ -234,6 +261,8 @@ def test_fits(
         (("bending_stiffness=soft",), "'soft' in a number's place"),
         (("bending_stiffness=-1",), "is not a positive number"),
         (("bending_stiffness=nan",), "is not a positive number"),
+        (("bending_stiffness=3_0",), "'3_0' in a number's place"),
+        (("bending_stiffness=1", "bending_stiffness=2"), "bending_stiffness is given twice; give it once"),
     ],
 )
 def test_values(
@@ -314,3 +343,49 @@ def test_the_process_exits_with_2_and_one_line(tmp_path: Path) -> None:
         == "dlo: bad/capture.json: camera.fx: Input should be greater than 0, got 0; give a larger value\n"
     )
     assert sorted(path.name for path in tmp_path.iterdir()) == ["bad"]
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        (("plastic_bending:yield_curvature=8", "plastic_bending:yield_curvature=9"), "is given twice"),
+        (("plastic_bending:yield_curvature=8,yield_curvature=9",), "yield_curvature is given twice"),
+        (("plastic_bending:yield=8",), "--effect plastic_bending:yield=8: "),
+        (("mass_profile:s=9,mass=0.05",), "mass_profile.s = 9 m is beyond the end of a rope of 0.445 m"),
+    ],
+)
+def test_effects(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], given: tuple[str, ...], says: str
+) -> None:
+    options = [part for one in given for part in ("--effect", one)]
+    good = samples.recording_folder(tmp_path / "good")
+    assert says in refusal(capfd, tmp_path, "simulate", good, "--set", "bending_stiffness=3e-4", *options)
+
+
+def test_a_robot_for_the_laboratory(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    write_motion(samples.motion(), tmp_path / "motion.csv")
+    there = ("--layout", samples.layout_folder(tmp_path / "layout"), "--robot", tmp_path / "robot.json")
+    assert "no robot" in refusal(capfd, tmp_path, "execute", tmp_path / "motion.csv", *there)
+
+
+def test_a_motion_that_ends_early_is_said(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, capfd: pytest.CaptureFixture[str]
+) -> None:
+    good = samples.recording_folder(tmp_path / "good")
+    rows = (good / "motion.csv").read_text().splitlines(keepends=True)
+    (good / "motion.csv").write_text("".join(rows[:3]))
+    options = ["--set", "bending_stiffness=3e-4", "--out", str(tmp_path / "out")]
+    assert run(["simulate", str(good), *options]) == 0
+    assert "before the last frame, and its pose there is taken to hold" in caplog.text
+
+
+def test_a_terminal_without_a_names_letters(tmp_path: Path) -> None:
+    good = samples.recording_folder(tmp_path / "gut é")
+    command = [sys.executable, "-m", "dlolib.cli", "simulate", str(good), "--set", "bending_stiffness=3e-4"]
+    done = subprocess.run(
+        [*command, "--out", str(tmp_path / "aus é")],
+        env={**os.environ, "PYTHONIOENCODING": "ascii"},
+        capture_output=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr

@@ -9,7 +9,7 @@ import pytest
 from dlolib.diagnose.decide import COMPARED, contenders, decide
 from dlolib.diagnose.fitting import Fitted
 from dlolib.diagnose.heldout import Foretold, refuted
-from dlolib.diagnose.residuals import explains, helps
+from dlolib.diagnose.residuals import explains, helps, slow_modes
 from dlolib.diagnose.search import Searched
 from dlolib.diagnose.study import DiagnoseSettings
 from dlolib.identify.parameters import Unknown
@@ -35,6 +35,13 @@ def decided(*models, refuted=()):
     base = left((), 7000.0, 0)
     ranked = sorted(models, key=lambda one: one.bic(FRAMES))
     return decide(STUDY, Searched(base, tuple(ranked)), DiagnoseSettings(), refuted)
+
+
+@pytest.mark.parametrize("shape", [(8, 8), (2, 6), (4, 8)])
+def test_a_small_recording_has_quick_modes_too(shape):
+    white = np.random.default_rng(3).standard_normal((*shape, 3))
+    assert 0.3 < slow_modes([white], 2).energy < 3
+    assert slow_modes([white + 30.0], 2).p_value < 1e-6
 
 
 def test_the_best_model_explains_where_no_other_is_near():

@@ -42,6 +42,28 @@ def test_no_process_outlives_a_killed_diagnosis(tmp_path: Path) -> None:
     assert not lives
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX's")
+@pytest.mark.parametrize("after_s", [0.0, 0.5, 2.0])
+def test_ctrl_c_is_answered_by_the_first_process_alone(tmp_path: Path, after_s: float) -> None:
+    script = tmp_path / "started.py"
+    script.write_text(
+        STARTED.replace("        time.sleep(60)\n", "        print(1, flush=True)\n        time.sleep(60)\n")
+    )
+    first = subprocess.Popen(
+        [sys.executable, str(script)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    assert first.stdout is not None
+    first.stdout.readline()
+    time.sleep(after_s)
+    os.killpg(first.pid, signal.SIGINT)
+    said = first.communicate(timeout=90)[1]
+    assert said.count("Traceback") == 1
+
+
 def _lives(process: int) -> bool:
     """A process that ended and that nobody waited for counts as ended."""
     state = Path(f"/proc/{process}/stat")

@@ -54,6 +54,16 @@ def both() -> LabExecution:
     return execute_in_lab(motion(), layout(), ROPE)
 
 
+def test_what_no_run_can_be_is_refused() -> None:
+    way = motion()
+    one = Motion(way.t_s[:1], way.start_m[:1], way.start_q[:1], way.end_m[:1], way.end_q[:1])
+    with pytest.raises(ParameterError, match="fewer than two rows"):
+        execute_in_lab(one, layout(), ROPE)
+    late = np.where(np.arange(len(way.t_s)) > 30, 1e8, 0.0)
+    with pytest.raises(ParameterError, match="lasts 1e.08 s; look for a jump of the clock"):
+        execute_in_lab(replace(way, t_s=way.t_s + late), layout(), ROPE)
+
+
 def test_both_laws_reach_the_end_and_differ(both: LabExecution) -> None:
     assert list(both.laws) == ["elastic", "plastic"]
     elastic, plastic = both.laws["elastic"], both.laws["plastic"]

@@ -169,6 +169,24 @@ def test_a_bad_point_is_named(tmp_path: Path, line: int, column: str, value: str
     assert says in refused(folder, "points.csv")
 
 
+def test_a_column_that_is_there_twice_is_named(tmp_path: Path) -> None:
+    folder = samples.recording_folder(tmp_path / "r")
+    lines = (folder / "points.csv").read_text().splitlines()
+    twice = [f"{line},{'x_m' if number == 0 else '0.5'}" for number, line in enumerate(lines)]
+    (folder / "points.csv").write_text("\n".join(twice) + "\n")
+    assert "line 1: two columns x_m; remove one of them" in refused(folder, "points.csv")
+
+
+def test_a_point_that_is_known_exactly_is_named(tmp_path: Path) -> None:
+    made = samples.recording()
+    covariance = np.tile(1e-6 * np.eye(3), (len(made.points.s_m), 1, 1))
+    covariance[2] = 0.0
+    points = dataclasses.replace(made.points, covariance_m2=covariance)
+    write_recording(dataclasses.replace(made, points=points), tmp_path / "r")
+    said = refused(tmp_path / "r", "points.csv")
+    assert "line 4, column cxx_m2: is no covariance" in said and "give above 0" in said
+
+
 @pytest.mark.parametrize("name", ["recording.json", "motion.csv", "points.csv"])
 def test_a_missing_file_is_named(tmp_path: Path, name: str) -> None:
     folder = samples.recording_folder(tmp_path / "r")

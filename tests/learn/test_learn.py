@@ -66,6 +66,11 @@ def test_learning_lowers_the_loss_and_writes_it_down(tmp_path: Path) -> None:
     assert motion.end_m[1:] == pytest.approx(learned.kept.end_m, abs=1e-8)
 
 
+def test_without_an_obstacle_there_is_no_clearance(tmp_path: Path) -> None:
+    learned = learn(replace(LAYOUT, obstacles=()), ROD, replace(SMALL, iterations=2))
+    assert write_learned(learned, tmp_path / "out")["min_clearance_m"] is None
+
+
 class Torn(HeldRope):
     """A rope that tears on the first path of the first initial weights."""
 

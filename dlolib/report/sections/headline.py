@@ -113,7 +113,7 @@ def _clearance_card(results: Results, value: float | None) -> Card:
     found = {
         name: result["min_clearance_m"]
         for name in results.layouts
-        if (result := results.json("learn", name, "result.json"))
+        if (result := results.json("learn", name, "result.json")) and result["min_clearance_m"] is not None
     }
     least = min(found, key=lambda name: found[name]) if found else None
     detail = f"Rope's surface to the nearest obstacle, {title(least)}, in the rod." if least else ""

@@ -1,0 +1,43 @@
+"""Where a command may write: asked before any work, so that none is lost for want of a place."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from dlolib.errors import FormatError
+
+# By one of these a folder is known as an earlier result, which a new one may replace.
+RESULTS = ("capture.json", "recording.json", "fit.json", "verdict.json", "result.json")
+
+
+def check_out(out: Path, *inputs: Path | None) -> None:
+    """Refuse a folder to write before any work is done, where writing it would fail or destroy something.
+
+    Args:
+        out: the folder; an earlier result in it is replaced whole.
+        inputs: what is read.
+
+    Raises:
+        FormatError: it is or holds the working folder or an input, is no folder, holds what is no result, or
+            cannot be written.
+    """
+    out, elsewhere = Path(out), "write to a folder of its own"
+    whole = out.resolve()
+    for one, what in (
+        (Path.cwd(), "the working folder"),
+        *((one, f"the input {one}") for one in inputs if one),
+    ):
+        if one.resolve().is_relative_to(whole):
+            raise FormatError(f"is or holds {what}", file=out, mend=elsewhere)
+    if out.is_symlink():
+        raise FormatError("is a link", file=out, mend="give the folder itself")
+    if out.exists() and not out.is_dir():
+        raise FormatError("is a file", file=out, mend="give a folder")
+    if out.is_dir() and any(out.iterdir()) and not any((out / name).is_file() for name in RESULTS):
+        raise FormatError("holds files that are no result of dlo", file=out, mend=elsewhere)
+    above = next(folder for folder in whole.parents if folder.exists())
+    if not above.is_dir():
+        raise FormatError("is a file", file=above, mend="give a folder")
+    if not os.access(above, os.W_OK | os.X_OK):
+        raise FormatError("may not be written to", file=above, mend="give another, or the right to")

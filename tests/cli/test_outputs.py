@@ -1,0 +1,67 @@
+"""Where a command may write: nothing that is read, and nothing else of the user's, is ever replaced."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+from formats import samples
+
+from dlolib.cli import run
+from dlolib.files import whole_folder
+
+VALUES = ["--set", "bending_stiffness=3e-4"]
+
+
+def _files(folder: Path) -> list[str]:
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
+
+
+@pytest.mark.parametrize(
+    "out", ["", ".", "..", "../work", "rec", "data", "link", "file", "file/below", "mine"]
+)
+def test_what_is_there_stays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], out: str
+) -> None:
+    work = tmp_path / "work"
+    rec = samples.recording_folder(work / "data" / "rec")
+    shutil.copytree(rec, work / "rec")
+    (work / "mine").mkdir()
+    (work / "mine" / "notes.txt").write_text("mine")
+    (work / "file").write_text("mine")
+    (work / "link").symlink_to(work / "mine")
+    monkeypatch.chdir(work)
+    before = _files(tmp_path)
+    source = "rec" if out == "rec" else "data/rec"
+    assert run(["simulate", source, *VALUES, "--out", out]) == 2
+    assert _files(tmp_path) == before
+    said = capfd.readouterr().err
+    assert said.count("\n") == 1 and "; " in said
+
+
+def test_an_earlier_result_is_replaced(tmp_path: Path) -> None:
+    rec = samples.recording_folder(tmp_path / "rec")
+    out = tmp_path / "out"
+    for _ in range(2):
+        assert run(["simulate", str(rec), *VALUES, "--out", str(out)]) == 0
+        (out / "left.txt").write_text("of the first run")
+    assert run(["simulate", str(rec), *VALUES, "--out", str(out)]) == 0
+    assert not (out / "left.txt").exists()
+
+
+def test_what_cannot_be_replaced_is_not_lost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "mine.txt").write_text("mine")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(OSError), whole_folder(Path(".")):
+        pass
+    assert (tmp_path / "mine.txt").read_text() == "mine"
+
+
+def test_a_report_leaves_foreign_figures(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "results").mkdir()
+    (tmp_path / "out" / "figures").mkdir(parents=True)
+    (tmp_path / "out" / "figures" / "mine.png").write_bytes(b"mine")
+    assert run(["report", str(tmp_path / "results"), "--out", str(tmp_path / "out")]) == 2
+    assert (tmp_path / "out" / "figures" / "mine.png").exists()
+    assert "figures" in capfd.readouterr().err

@@ -1,0 +1,62 @@
+"""Recordings from which no stiffness can be told are refused, not fitted."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sim.ropes import EI, ROPE
+from sim.test_recording import recording
+
+from dlolib.errors import ParameterError, SimulationError
+from dlolib.identify import IdentifySettings, identify
+from dlolib.sim.continuum import simulated
+from dlolib.sim.rod import Rod
+from dlolib.types import Recording
+
+QUICK = IdentifySettings(bootstrap=20)
+
+
+@pytest.mark.parametrize("what", ["linear_density_kg_m", "diameter_m", "length_m", "name"])
+def test_recordings_of_different_objects(what: str) -> None:
+    other = {"linear_density_kg_m": None, "diameter_m": 0.02, "length_m": 0.6, "name": "hose"}[what]
+    one = recording()
+    with pytest.raises(ParameterError, match=f"other has object.{what}"):
+        identify([one, replace(one, name="other", rope=replace(ROPE, **{what: other}))], QUICK)
+
+
+def test_recordings_of_one_name() -> None:
+    with pytest.raises(ParameterError, match="2 recordings are named made"):
+        identify([recording(), recording()], QUICK)
+
+
+def test_a_rope_that_nothing_loads() -> None:
+    floating = simulated(replace(recording(), gravity_m_s2=np.zeros(3)), Rod(ROPE, EI, EI))
+    with pytest.raises(ParameterError, match="no load tells"):
+        identify([floating], QUICK)
+
+
+def test_all_frames_held_out() -> None:
+    with pytest.raises(ParameterError, match="every frame is held out"):
+        identify([replace(recording(), heldout_frames=(0, 5))], QUICK)
+
+
+def test_a_clock_that_jumped() -> None:
+    made = recording(quasi_static=False)
+    t_s = made.points.t_s + np.where(made.points.frame > 3, 1e8, 0.0)
+    with pytest.raises(SimulationError, match="look for a jump of the clock"):
+        simulated(replace(made, points=replace(made.points, t_s=t_s)), Rod(ROPE, EI, EI))
+
+
+def test_one_frame_of_a_long_motion_has_an_interval() -> None:
+    made = recording()
+    only = made.points.frame == 3
+    points = replace(
+        made.points,
+        frame=made.points.frame[only],
+        t_s=made.points.t_s[only],
+        s_m=made.points.s_m[only],
+        xyz_m=made.points.xyz_m[only] + np.random.default_rng(1).normal(0, 2e-4, (int(only.sum()), 3)),
+    )
+    one: Recording = replace(made, points=points)
+    found = identify([one], QUICK).fit.parameters["bending_stiffness"]
+    assert found.low is not None and found.high is not None and found.low < EI < found.high
