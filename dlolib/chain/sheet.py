@@ -119,7 +119,9 @@ def _draw_depth(axes: Axes, chain: FrameChain, frame: Frame) -> None:
     assert frame.depth_m is not None
     low, high = _window(chain.pixel, frame.depth_m)
     crop = frame.depth_m[low[1] : high[1], low[0] : high[0]]
-    at = frame.depth_m[tuple(np.round(chain.pixel).astype(int).T[::-1])]
+    # A line may end up to a pixel outside of the image that the rope leaves.
+    column, row = np.clip(np.round(chain.pixel).astype(int), 0, np.array(frame.depth_m.shape[::-1]) - 1).T
+    at = frame.depth_m[row, column]
     middle = float(np.median(at[at > 0])) if (at > 0).any() else float(crop.max())
     shown = np.where(crop > 0, crop, np.nan)
     image = axes.imshow(
