@@ -12,6 +12,7 @@ from chain.tubes import Scene, along, index_of, photograph, wave, without_diamet
 
 from dlolib.captures import open_capture
 from dlolib.captures.base import Frame
+from dlolib.captures.image_folder import ImageFolder
 from dlolib.chain import ChainSettings, chain_frame, extract_chain
 from dlolib.errors import ChainError, ParameterError
 from dlolib.formats import read_recording, write_recording
@@ -110,6 +111,24 @@ def test_with_free_ends_the_start_stays_the_start(tmp_path: Path) -> None:
         # Nothing but the mask's own edge tells where a free end is: arc length is less certain than the axis.
         assert rms(distances(chain.xyz_m, axis)) < 0.6e-3
         assert rms(errors(axis, chain.s_m, chain.xyz_m)) < 3.0e-3
+
+
+@pytest.mark.parametrize("share", [0.9, 1.15])
+def test_arc_lengths_of_a_free_rope_of_another_length_stay_within_the_known_one(
+    tmp_path: Path, share: float
+) -> None:
+    """Its length was measured wrongly, or a tip is out of sight: the recording is readable all the same."""
+    write_capture(tmp_path / "free", [wave(0.4)], Scene(noisy=False), clamped=False)
+    source = open_capture(tmp_path / "free")
+    index = source.index
+    index = replace(index, rope=replace(index.rope, length_m=share * index.rope.length_m))
+    result = extract_chain(ImageFolder(index))
+    write_recording(result.recording, tmp_path / "out")
+    s_m = read_recording(tmp_path / "out").points.s_m
+    assert not result.frames[0].fitted
+    # As where an end is held: spaced by the known length, up to it or to the tip.
+    np.testing.assert_allclose(np.diff(s_m)[:-1], index.rope.length_m / 29, rtol=1e-6)
+    assert s_m[-1] == pytest.approx(min(index.rope.length_m, 0.445), abs=3e-3)
 
 
 def test_rope_by_its_colour_and_by_a_mask_from_outside() -> None:
