@@ -134,7 +134,7 @@ def _unknown(bag: Bag, role: str, name: str, topics: list[str]) -> FormatError:
 
 def _calibration(bag: Bag, topics: Mapping[Role, str], asked: Asked) -> tuple[Lens | None, dict[str, float]]:
     """The lens, and the optics that the bag says; without CameraInfo only the units of depth."""
-    optics = {"depth_scale": ros_images.depth_scale(bag.first(topics["depth"]))}
+    optics = {"depth_scale": _depth_scale(bag, topics, asked.given)}
     name = None if {"fx", "fy", "cx", "cy"} <= set(asked.given.optics) else _info(bag, topics, asked)
     if name is None:
         return None, optics
@@ -143,6 +143,16 @@ def _calibration(bag: Bag, topics: Mapping[Role, str], asked: Asked) -> tuple[Le
     lens = ros_images.lens(info, rectified, Spot(bag.path, name))
     optics |= {"width": float(info.width), "height": float(info.height)}
     return lens, optics | lens.optics
+
+
+def _depth_scale(bag: Bag, topics: Mapping[Role, str], given: Given) -> float:
+    """Units per metre [1/m]; those of depth in metres are ours, and not for a person to change."""
+    message = bag.first(topics["depth"])
+    scale = ros_images.depth_scale(message)
+    if ros_images.encoding(message) == ros_images.METRES and given.optics.get("depth_scale", scale) != scale:
+        problem = f"{given.optics['depth_scale']:g} units per metre, but this source's depth is in metres"
+        raise FormatError(problem, file=given.file, place="camera.depth_scale", mend="leave it out")
+    return scale
 
 
 def _info(bag: Bag, topics: Mapping[Role, str], asked: Asked) -> str | None:

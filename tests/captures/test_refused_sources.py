@@ -272,6 +272,15 @@ def test_bags(
     refused(source, says, *options)
 
 
+@pytest.mark.parametrize("depth", ["32FC1", "inverse"])
+def test_units_of_depth_that_is_in_metres(tmp_path: Path, refused: Refusals, depth: str) -> None:
+    source = foreign.bag(tmp_path / "source.bag", foreign.frames(), Ros(depth=depth))
+    says = "camera.depth_scale: 1000 units per metre, but this source's depth is in metres; leave it out"
+    refused(source, says)
+    foreign.given(refused.about, camera=foreign.camera_of(10_000.0))
+    assert refused.status(source)[0] == 0
+
+
 def test_ends_whose_motion_nobody_gives(tmp_path: Path, refused: Refusals) -> None:
     foreign.given(refused.about, **HELD)
     shot = foreign.frames()
