@@ -26,14 +26,17 @@ def smoothed(readings: Floats, weights: Floats, half_wave: float, onward: bool =
     P-splines (Eilers and Marx, Statistical Science 11, 1996) with fourth differences: they leave a curvature
     that changes evenly as it is, up to the very ends, where that of a clamped rope changes most, and carry
     the curve across inner readings of weight 0. `half_wave` is counted in samples. Beyond the outermost
-    readings it soon stays as it is; a line that goes `onward` bends on there as it did.
+    readings it soon stays as it is; a line that goes `onward` bends on there as it did. Too few samples for a
+    spline come back as read, those of weight 0 between or beside the others.
     """
     read = np.flatnonzero(weights > 0)
-    if len(readings) <= ORDER or not len(read):
+    if not len(read):
         return np.array(readings, dtype=np.float64)
     columns = np.reshape(readings, (len(readings), -1)).astype(np.float64)
     at = np.arange(len(readings))
     between = np.stack([np.interp(at, read, column[read]) for column in columns.T], axis=-1)
+    if len(readings) <= ORDER:
+        return between.reshape(np.shape(readings))
     share = weights[:, None] / weights.mean()
     basis, banded = _system(weights, half_wave)
     right = basis.T @ (share * columns + TRACE * between)

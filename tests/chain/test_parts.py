@@ -175,3 +175,11 @@ def test_the_smoother_bridges_readings_without_weight() -> None:
     weights[100:140] = 0
     wild = np.where(weights > 0, at**2, 99.0)
     np.testing.assert_allclose(smoothed(wild, weights, 10), at**2, atol=1e-4)
+
+
+def test_samples_too_few_to_smooth_take_no_reading_of_weight_0() -> None:
+    """As where depth was read nowhere near: what stands there is a 0, a point at the camera."""
+    weights = np.array([0.0, 3.0, 0.0, 1.0])
+    np.testing.assert_allclose(smoothed(np.array([0.0, 0.7, 0.0, 0.9]), weights, 20), [0.7, 0.7, 0.8, 0.9])
+    places = np.array([[0.0, 0.0], [1.0, 2.0], [0.0, 0.0], [3.0, 4.0]])
+    np.testing.assert_allclose(smoothed(places, weights, 20), [[1, 2], [1, 2], [2, 3], [3, 4]])
