@@ -27,8 +27,9 @@ class Axis:
     """A dense line along the rope: s_m (M,), points_m (M, 3), seen (M,), pixel (M, 2), NaN where hidden.
 
     measured_m is the length as measured from start to end, hidden stretches included; fitted tells
-    whether s_m was brought to the rope's known length. sigma_m (M, 2), the deviations of the depth
-    and across the line of sight where they were asked for, NaN where hidden.
+    whether s_m was brought to the rope's known length; else it is counted from the start, or from_end, back
+    from the known length there. sigma_m (M, 2), the deviations of the depth and across the line of sight
+    where they were asked for, NaN where hidden.
     """
 
     s_m: Floats
@@ -38,6 +39,7 @@ class Axis:
     measured_m: float
     fitted: bool
     sigma_m: Floats | None = None
+    from_end: bool = False
 
 
 def assemble(
@@ -75,10 +77,12 @@ def assemble(
     if fitted:
         step = _fitted(step, hidden[1:] | hidden[:-1], length_m)
     s = np.concatenate([[0.0], np.cumsum(step)])
-    if start is None and end is not None and not fitted:
+    from_end = start is None and end is not None and not fitted
+    if from_end:
         s += length_m - s[-1]
     sigma = np.concatenate([piece.sigma_m for piece in pieces])
-    return Axis(s, points, seen, pixel, measured, fitted, sigma if np.isfinite(sigma).any() else None)
+    known = sigma if np.isfinite(sigma).any() else None
+    return Axis(s, points, seen, pixel, measured, fitted, known, from_end)
 
 
 @dataclass(frozen=True)

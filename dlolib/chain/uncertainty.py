@@ -46,7 +46,8 @@ def covariances(axis: Axis, s_m: Floats, points_m: Floats, rope: Rope) -> Floats
     depth, outline = (np.interp(s_m, axis.s_m[known], axis.sigma_m[known, k]) for k in range(2))
     diameter = rope.diameter_m or UNKNOWN_DIAMETER_M
     tip = TIP_SHARE * diameter * np.exp(-_to_tip(axis, s_m) / (TIP_REACH * diameter))
-    off = MISFIT_SHARE * abs(axis.measured_m - rope.length_m) if axis.fitted else WAY_SHARE * s_m
+    way = axis.s_m[-1] - s_m if axis.from_end else s_m
+    off = MISFIT_SHARE * abs(axis.measured_m - rope.length_m) if axis.fitted else WAY_SHARE * way
     variances = (
         # A line that runs beside the axis is longer or shorter than it by as much, for each radian it turns.
         (along, ALONG_M**2 + off**2 + (ACROSS_FACTOR * outline) ** 2),
