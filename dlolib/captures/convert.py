@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from dlolib.captures.clock import falls
 from dlolib.captures.cloud_folder import read_cloud
 from dlolib.captures.foreign import Foreign, Shot
-from dlolib.captures.pictures import check_color, check_depth
-from dlolib.captures.plausible import check_times
+from dlolib.captures.pictures import check_backgrounds, check_color, check_depth
+from dlolib.captures.plausible import check_inside, check_times
 from dlolib.errors import FormatError
 from dlolib.files import whole_folder
 from dlolib.formats import (
@@ -67,11 +67,12 @@ def convert(foreign: Foreign, path: Path, given: Given, out: Path, motion_csv: P
         kept = _Kept()
         camera: Camera | None = None
         for shot in track(_rising(foreign.shots()), "converting frames", foreign.count):
-            camera = camera or _camera(foreign, given, view, clouds=shot.cloud is not None)
+            camera = camera or _camera(foreign, given, view, images=shot.cloud is None)
             _keep(shot, camera, folder, kept)
         if camera is None:
             raise FormatError("holds no frame with color and depth", file=path, mend="record it again")
-        write_capture_index(_index(given, path, camera, kept, motion, folder), folder)
+        index = _index(given, path, camera, kept, motion, folder)
+        write_capture_index(_with_backgrounds(index, given), folder)
         if motion_csv is not None:
             shutil.copyfile(motion_csv, folder / "motion.csv")
         odd = _check_written(folder, path)
@@ -104,11 +105,11 @@ def _motion(foreign: Foreign, path: Path, given: Given, motion_csv: Path | None)
     raise FormatError("does not say how the held ends move", file=path, place="motion", mend=mend)
 
 
-def _camera(foreign: Foreign, given: Given, view: Floats, clouds: bool) -> Camera:
-    """The person's word before the recording's; images need all of it."""
+def _camera(foreign: Foreign, given: Given, view: Floats, images: bool) -> Camera:
+    """The person's word before the recording's; images, those of the empty scene too, need all of it."""
     known = {**foreign.optics, **given.optics}
     lacking = [name for name in OPTICS if name not in known]
-    if lacking and not clouds:
+    if lacking and (images or given.background_color or given.background_depth):
         problem = f"the recording does not say {', '.join(lacking)}"
         mend = f'add "camera": {{"{lacking[0]}": ...}}, pixels; depth_scale in units per metre'
         raise FormatError(problem, file=given.file, place=f"camera.{lacking[0]}", mend=mend)
@@ -146,6 +147,22 @@ def _keep(shot: Shot, camera: Camera, folder: Path, kept: _Kept) -> None:
     kept.depth.append(folder / "depth" / f"{name}.png")
     _write(kept.color[-1], cv2.cvtColor(shot.color, cv2.COLOR_RGB2BGR))
     _write(kept.depth[-1], shot.depth)
+
+
+def _with_backgrounds(index: CaptureIndex, given: Given) -> CaptureIndex:
+    """The index with the images of the empty scene, checked and copied byte for byte."""
+    color, depth = given.background_color, given.background_depth
+    check_inside([image for image in (color, depth) if image is not None], given.file.parent)
+    check_backgrounds(color, depth, index.camera)
+    return replace(
+        index,
+        background_color=_copied(color, index.folder / "background_color.png"),
+        background_depth=_copied(depth, index.folder / "background_depth.png"),
+    )
+
+
+def _copied(image: Path | None, target: Path) -> Path | None:
+    return None if image is None else Path(shutil.copyfile(image, target))
 
 
 def _write(path: Path, image: NDArray[Any]) -> None:

@@ -13,7 +13,7 @@ from dlolib.captures.convert import convert
 from dlolib.captures.foreign import Asked, Foreign
 from dlolib.captures.image_folder import ImageFolder
 from dlolib.captures.kinect import AzureKinect
-from dlolib.captures.pictures import read_color, read_depth
+from dlolib.captures.pictures import check_backgrounds
 from dlolib.captures.plausible import Doubted, check_inside, check_times, doubts
 from dlolib.captures.realsense import RealSense
 from dlolib.captures.redwood import RedwoodFolder
@@ -133,7 +133,7 @@ def _copied(
             raise ParameterError(problem, place=option, mend="leave it out")
     index = read_capture_index(source, motion_csv)
     _check(index)
-    _check_backgrounds(index)
+    check_backgrounds(index.background_color, index.background_depth, index.camera)
     for _ in track(_source(index).frames(), "checking frames", len(index.frame)):
         pass
     with whole_folder(out) as temporary:
@@ -149,13 +149,6 @@ def _check(index: CaptureIndex) -> None:
     """What the form alone does not tell: links that lead outside, clocks that cannot be."""
     check_inside([*_named(index), index.folder / "motion.csv"], index.folder)
     check_times(index)
-
-
-def _check_backgrounds(index: CaptureIndex) -> None:
-    if index.background_color is not None:
-        read_color(index.background_color, index.camera)
-    if index.background_depth is not None:
-        read_depth(index.background_depth, index.camera)
 
 
 def _source(index: CaptureIndex) -> Source:

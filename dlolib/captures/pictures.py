@@ -45,6 +45,14 @@ def read_mask(path: Path, camera: Camera) -> Mask:
     return np.asarray(image > 127, dtype=np.bool_)
 
 
+def check_backgrounds(color: Path | None, depth: Path | None, camera: Camera) -> None:
+    """Refuse images of the empty scene that this camera cannot have taken."""
+    if color is not None:
+        read_color(color, camera)
+    if depth is not None:
+        read_depth(depth, camera)
+
+
 def check_color(image: NDArray[Any], camera: Camera, path: Path, place: str | None = None) -> None:
     """Refuse what is no colour image (H, W, 3) of 8 bits and the camera's size."""
     _check_size(image, camera, path, place)

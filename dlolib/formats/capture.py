@@ -42,6 +42,8 @@ class CaptureScene(Scene):
     """capture.json without the camera."""
 
     rope_color_hsv: Annotated[tuple[Hsv, Hsv], Field(strict=False)] | None = None
+    background_color: str | None = None
+    background_depth: str | None = None
     static_frames: FrameRange | None = None
     heldout_frames: FrameRange | None = None
     quasi_static: bool = True
@@ -52,8 +54,6 @@ class CaptureModel(CaptureScene):
     """capture.json."""
 
     camera: CameraModel
-    background_color: str | None = None
-    background_depth: str | None = None
 
 
 def read_capture_index(folder: Path, motion_csv: Path | None = None) -> CaptureIndex:
@@ -88,8 +88,8 @@ def read_capture_index(folder: Path, motion_csv: Path | None = None) -> CaptureI
         motion=_motion(Path(motion_csv or folder / "motion.csv"), model, motion_csv is not None),
         obstacles=model.parsed_obstacles(),
         rope_color_hsv=model.rope_color_hsv,
-        background_color=_background(folder, model.background_color, "background_color"),
-        background_depth=_background(folder, model.background_depth, "background_depth"),
+        background_color=background(path, model.background_color, "background_color"),
+        background_depth=background(path, model.background_depth, "background_depth"),
         source=model.source or "",
         note=model.note or "",
         quasi_static=model.quasi_static,
@@ -132,6 +132,20 @@ def write_capture_index(index: CaptureIndex, folder: Path) -> None:
     write_csv(Path(folder) / "frames.csv", pd.DataFrame(columns))
     if index.motion is not None:
         write_motion(index.motion, Path(folder) / "motion.csv")
+
+
+def background(path: Path, name: str | None, key: str) -> Path | None:
+    """The image of the empty scene that the JSON at `path` names under this key, in its own folder.
+
+    Raises:
+        FormatError: it lies elsewhere, or is not there.
+    """
+    if name is None:
+        return None
+    if PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts:
+        problem = f"{name!r} is no path within its folder"
+        raise FormatError(problem, file=path, place=key, mend="give one relative to it")
+    return existing(path.parent / name, f"{key} of {path.name}")
 
 
 def _paths(table: Table, name: str, folder: Path) -> tuple[Path, ...] | None:
@@ -180,19 +194,6 @@ def _motion(path: Path, model: CaptureModel, asked: bool) -> Motion | None:
     motion = read_motion(path)
     check_ends(motion, ends, model.object.rope(), path)
     return motion
-
-
-def _background(folder: Path, name: str | None, key: str) -> Path | None:
-    if name is None:
-        return None
-    if PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts:
-        raise FormatError(
-            f"{name!r} is no path within the capture",
-            file=folder / "capture.json",
-            place=key,
-            mend="give one relative to it",
-        )
-    return existing(folder / name, f"{key} of capture.json")
 
 
 def _relative(path: Path | None, folder: Path) -> str | None:

@@ -12,7 +12,7 @@ from pydantic import Field
 from dlolib.formats._json import checked, read_json
 from dlolib.formats._plausible import check_ends
 from dlolib.formats._schema import PoseModel, Strict
-from dlolib.formats.capture import FORM, OPTICS, CaptureScene
+from dlolib.formats.capture import FORM, OPTICS, CaptureScene, background
 from dlolib.formats.motion import read_motion
 from dlolib.formats.recording import parse_view
 from dlolib.types import Ends, Floats, Motion, Obstacle, Pose, Rope
@@ -47,7 +47,8 @@ class Given:
 
     optics holds those of `OPTICS` that were given (pixels, units per metre); world_from_camera (4, 4) or
     None; start is the pose of the end that is held still; tool_from_grasp (4, 4) takes the rope's frame at
-    the moved end to that of the pose that was logged.
+    the moved end to that of the pose that was logged; background_color and background_depth are images of
+    the empty scene as the capture will hold them.
     """
 
     file: Path
@@ -63,6 +64,8 @@ class Given:
     start: Pose | None
     tool_from_grasp: Floats
     rope_color_hsv: tuple[Hsv, Hsv] | None
+    background_color: Path | None
+    background_depth: Path | None
     static_frames: tuple[int, int] | None
     heldout_frames: tuple[int, int] | None
     quasi_static: bool
@@ -91,6 +94,8 @@ def read_given(path: Path) -> Given:
         start=None if model.start is None else model.start.pose(),
         tool_from_grasp=np.eye(4) if turn is None else parse_view(turn, path, "tool_from_grasp"),
         rope_color_hsv=model.rope_color_hsv,
+        background_color=background(path, model.background_color, "background_color"),
+        background_depth=background(path, model.background_depth, "background_depth"),
         static_frames=model.static_frames,
         heldout_frames=model.heldout_frames,
         quasi_static=model.quasi_static,

@@ -461,3 +461,27 @@ def test_an_object_that_is_none(
 ) -> None:
     foreign.given(refused.about, **changes)
     refused(foreign.redwood(tmp_path / "source", foreign.frames()), says)
+
+
+def test_images_of_the_empty_scene_that_do_not_fit(tmp_path: Path, refused: Refusals) -> None:
+    source = foreign.redwood(tmp_path / "source", foreign.frames())
+    foreign.given(refused.about, background_depth="empty.png")
+    refused(source, "empty.png: no such file (background_depth of object.json)")
+    cv2.imwrite(str(tmp_path / "empty.png"), np.full((12, 16), 700, np.uint16))
+    refused(source, "empty.png: is 16 x 12 pixels, the camera 32 x 24")
+    outside = tmp_path / "scene"
+    outside.mkdir()
+    foreign.given(outside / "object.json", background_depth="empty.png")
+    (outside / "empty.png").symlink_to(tmp_path / "empty.png")
+    refused.about = outside / "object.json"
+    refused(source, "scene/empty.png: is a link that leads out of the folder")
+    foreign.given(refused.about, background_color="../empty.png")
+    refused(source, "object.json: background_color: '../empty.png' is no path within its folder")
+
+
+def test_an_image_of_the_empty_scene_beside_clouds_asks_for_its_optics(
+    tmp_path: Path, refused: Refusals
+) -> None:
+    cv2.imwrite(str(tmp_path / "empty.png"), np.zeros((12, 16, 3), np.uint8))
+    foreign.given(refused.about, rate_hz=1.0, background_color="empty.png")
+    refused(clouds(tmp_path / "source"), "object.json: camera.width: the recording does not say width")

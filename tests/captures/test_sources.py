@@ -213,6 +213,22 @@ def test_what_a_person_says_goes_before_what_the_source_says(tmp_path: Path) -> 
     assert (index.camera.fx, index.camera.fy) == (29.0, 31.0)
 
 
+def test_images_of_the_empty_scene_come_along(tmp_path: Path) -> None:
+    shot = foreign.frames()
+    source = foreign.redwood(tmp_path / "source", shot)
+    (tmp_path / "empty").mkdir()
+    for name, image in (("color", shot.color[0]), ("depth", shot.depth[0])):
+        cv2.imwrite(str(tmp_path / f"empty/{name}.png"), image)
+    named = {f"background_{name}": f"empty/{name}.png" for name in ("color", "depth")}
+    about = foreign.given(tmp_path / "object.json", **named)
+    index = ingest(source, tmp_path / "out", object_json=about)
+    assert index.background_color is not None and index.background_depth is not None
+    assert index.background_color.read_bytes() == (tmp_path / "empty/color.png").read_bytes()
+    assert index.background_depth.read_bytes() == (tmp_path / "empty/depth.png").read_bytes()
+    # the copy is a capture of this project's, which takes them along as well
+    assert files(ingest(tmp_path / "out", tmp_path / "again").folder) == files(tmp_path / "out")
+
+
 def test_the_object_may_lie_beside_the_source(tmp_path: Path) -> None:
     bag = foreign.bag(tmp_path / "source.bag", foreign.frames(), Ros())
     foreign.given(tmp_path / "source.json")
