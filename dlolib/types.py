@@ -146,7 +146,8 @@ class CaptureIndex:
 
     frame (F,), t_s (F,) [s]; color, depth, mask and cloud are one path a frame, or None where the
     capture has no such column: either color and depth are there, or cloud. motion is None where both
-    ends are free and it was not recorded. rope_color_hsv is [low, high] in OpenCV's HSV.
+    ends are free and it was not recorded. rope_color_hsv is [low, high] in OpenCV's HSV, a low
+    hue above the high one passing through red.
     """
 
     name: str

@@ -13,6 +13,7 @@ from dlolib.captures.base import Frame, Image, Mask
 from dlolib.chain.contrast import background_mask, local_mask, rope_levels
 from dlolib.chain.settings import ChainSettings
 from dlolib.errors import ChainError
+from dlolib.formats.capture import LAST_HUE
 from dlolib.types import CaptureIndex
 
 SMALLEST_PX = 20
@@ -122,10 +123,15 @@ def _local(frame: Frame, index: CaptureIndex) -> Segmentation:
 
 
 def _in_range(frame: Frame, index: CaptureIndex) -> Mask:
+    """Where the rope's colour is. Hue is a circle: from a low above the high it goes through red."""
     assert frame.color is not None and index.rope_color_hsv is not None
-    low, high = index.rope_color_hsv
+    low, high = np.array(index.rope_color_hsv)
     hsv = cv2.cvtColor(frame.color, cv2.COLOR_RGB2HSV)
-    return np.asarray(cv2.inRange(hsv, np.array(low), np.array(high)) > 0)
+    if low[0] <= high[0]:
+        return np.asarray(cv2.inRange(hsv, low, high) > 0)
+    to_red = cv2.inRange(hsv, low, np.array([LAST_HUE, *high[1:]]))
+    from_red = cv2.inRange(hsv, np.array([0, *low[1:]]), high)
+    return np.asarray((to_red > 0) | (from_red > 0))
 
 
 def _bright(grey: Image, frame: Frame, settings: ChainSettings) -> Mask:

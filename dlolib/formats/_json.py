@@ -16,6 +16,7 @@ MENDS = {
     "finite_number": "give a finite number",
     "greater_than": "give a larger value",
     "greater_than_equal": "give a larger value",
+    "less_than_equal": "give a smaller value",
     "float_type": "give a number without quotes",
     "int_type": "give a whole number",
     "bool_type": "give true or false",

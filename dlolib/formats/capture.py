@@ -21,8 +21,11 @@ from dlolib.types import Camera, CaptureIndex, Motion
 FORM = "dlo-capture/1"
 PICTURES = ("color", "depth", "cloud", "mask")
 OPTICS = ("width", "height", "fx", "fy", "cx", "cy", "depth_scale")
-Hue = Annotated[int, Field(ge=0, le=255)]
-Hsv = Annotated[tuple[Hue, Hue, Hue], Field(strict=False)]
+# OpenCV counts hue in steps of two degrees.
+LAST_HUE = 179
+Hue = Annotated[int, Field(ge=0, le=LAST_HUE)]
+Level = Annotated[int, Field(ge=0, le=255)]
+Hsv = Annotated[tuple[Hue, Level, Level], Field(strict=False)]
 
 
 class CameraModel(Strict):

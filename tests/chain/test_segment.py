@@ -81,6 +81,18 @@ def test_what_differs_from_the_empty_scene(what: str, tmp_path: Path) -> None:
     assert rms(replace(frame, color=color), index, ChainSettings()) < 1.2e-3
 
 
+def test_a_red_rope_on_both_sides_of_hue_0() -> None:
+    frame, index = seen()
+    assert frame.color is not None
+    rope = frame.color[..., 0] > 100
+    # hue 176 to the left, 4 to the right, on a green table
+    red = np.full_like(frame.color, (200, 30, 50))
+    red[:, 320:] = (200, 50, 30)
+    frame = replace(frame, color=np.where(rope[..., None], red, np.array((60, 130, 60), np.uint8)))
+    found = segment(frame, replace(index, rope_color_hsv=((170, 100, 80), (10, 255, 255))), ChainSettings())
+    np.testing.assert_array_equal(found.mask, rope)
+
+
 def test_a_choice_that_the_capture_cannot_serve_names_the_mend() -> None:
     frame, index = seen()
     for way, mend in (

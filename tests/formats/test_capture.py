@@ -74,7 +74,16 @@ def refused(folder: Path, name: str) -> str:
         ("camera.world_from_camera", np.diag([1.0, 1, -1, 1]).tolist(), "is no rotation"),
         ("camera.world_from_camera", (np.eye(4) + 700 * np.eye(4, k=3)).tolist(), "like millimetres"),
         ("background_color", "../secret.png", "background_color: '../secret.png' is no path within"),
-        ("rope_color_hsv", [[0, 0, 0], [300, 0, 0]], "rope_color_hsv"),
+        (
+            "rope_color_hsv",
+            [[0, 0, 0], [180, 0, 0]],
+            "rope_color_hsv.1.0: Input should be less than or equal",
+        ),
+        (
+            "rope_color_hsv",
+            [[0, 0, 0], [0, 300, 0]],
+            "rope_color_hsv.1.1: Input should be less than or equal",
+        ),
     ],
 )
 def test_a_bad_key_is_named(tmp_path: Path, key: str, value: Any, says: str) -> None:
