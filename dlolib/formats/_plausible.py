@@ -1,4 +1,4 @@
-"""Checks of observed places against the rope's length: most often they find millimetres."""
+"""Checks of what was observed against the rest; places against the length most often find millimetres."""
 
 from __future__ import annotations
 
@@ -66,6 +66,22 @@ def check_clear(motion: Motion, obstacles: Sequence[Obstacle], path: Path) -> No
                     place=f"line {worst + 2}",
                     mend="move the obstacle or the clamp, whose middle must be 0 mm or more outside",
                 )
+
+
+def check_ranges(
+    static: tuple[int, int] | None, heldout: tuple[int, int] | None, frame: Ints, table: str, path: Path
+) -> None:
+    """Refuse ranges of frames that are turned round or name no frame of the table."""
+    for key, span in (("static_frames", static), ("heldout_frames", heldout)):
+        if span is None:
+            continue
+        if span[1] < span[0]:
+            raise FormatError(
+                f"{list(span)} ends before it begins", file=path, place=key, mend="give [first, last]"
+            )
+        if not ((frame >= span[0]) & (frame <= span[1])).any():
+            problem = f"{list(span)} names no frame of {table}"
+            raise FormatError(problem, file=path, place=key, mend="give [first, last] or null")
 
 
 def check_places(frame: Ints, s_m: Floats, xyz_m: Floats, rope: Rope, path: Path, lines: Ints) -> None:

@@ -11,7 +11,7 @@ from pydantic import Field
 from dlolib.errors import FormatError
 from dlolib.files import write_csv, write_json
 from dlolib.formats._json import checked, existing, read_json
-from dlolib.formats._plausible import check_ends
+from dlolib.formats._plausible import check_clear, check_ends, check_ranges
 from dlolib.formats._schema import FrameRange, Scene, Strict, scene_json
 from dlolib.formats._table import Table, check_rising, check_whole, read_table
 from dlolib.formats.motion import read_motion, write_motion
@@ -75,6 +75,7 @@ def read_capture_index(folder: Path, motion_csv: Path | None = None) -> CaptureI
     table = read_table(folder / "frames.csv", ["frame", "t_s"], texts=PICTURES, optional=PICTURES)
     frame, times = check_whole(table, "frame"), check_rising(table, "t_s")
     check_rising(table, "frame")
+    check_ranges(model.static_frames, model.heldout_frames, frame, "frames.csv", path)
     pictures = {name: _paths(table, name, folder) for name in PICTURES}
     _check_kinds(pictures, table.path)
     camera = _camera(model.camera, clouds=pictures["cloud"] is not None, path=path)
@@ -196,6 +197,7 @@ def _motion(path: Path, model: CaptureModel, asked: bool) -> Motion | None:
         return None
     motion = read_motion(path)
     check_ends(motion, ends, model.object.rope(), path)
+    check_clear(motion, model.parsed_obstacles(), path)
     return motion
 
 

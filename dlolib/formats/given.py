@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from dlolib.formats._json import checked, read_json
-from dlolib.formats._plausible import check_ends
+from dlolib.formats._plausible import check_clear, check_ends
 from dlolib.formats._schema import PoseModel, Strict
 from dlolib.formats.capture import FORM, OPTICS, CaptureScene, background
 from dlolib.formats.motion import read_motion
@@ -104,11 +104,12 @@ def read_given(path: Path) -> Given:
 
 
 def read_given_motion(csv: Path, given: Given) -> Motion:
-    """Read motion.csv and hold it against the ends and the rope that it is about.
+    """Read motion.csv and hold it against the ends, the rope and the obstacles that it is about.
 
     Raises:
         FormatError: names file, line and column.
     """
     motion = read_motion(csv)
     check_ends(motion, given.ends, given.rope, csv)
+    check_clear(motion, given.obstacles, csv)
     return motion

@@ -12,7 +12,7 @@ from pydantic import Field
 from dlolib.errors import FormatError
 from dlolib.files import whole_folder, write_csv, write_json
 from dlolib.formats._json import checked, read_json
-from dlolib.formats._plausible import check_clear, check_ends, check_meeting, check_places
+from dlolib.formats._plausible import check_clear, check_ends, check_meeting, check_places, check_ranges
 from dlolib.formats._schema import FrameRange, Scene, Strict, scene_json
 from dlolib.formats._table import Table, check_whole, read_table
 from dlolib.formats.motion import interpolate_motion, read_motion, write_motion
@@ -69,7 +69,7 @@ def read_recording(folder: Path) -> Recording:
     check_clear(motion, model.parsed_obstacles(), folder / "motion.csv")
     points = _read_points(folder / "points.csv", rope, model.planar)
     _check_against_motion(points, motion, rope, folder / "motion.csv")
-    _check_ranges(model, points, path)
+    check_ranges(model.static_frames, model.heldout_frames, points.frame, "points.csv", path)
     return Recording(
         name=model.name or folder.resolve().name,
         rope=rope,
@@ -220,17 +220,3 @@ def _check_against_motion(points: Points, motion: Motion, rope: Rope, path: Path
     poses = interpolate_motion(motion, points.t_s)
     check_meeting(poses.start_m, points.s_m, points.xyz_m, rope, path)
     check_meeting(poses.end_m, points.s_m, points.xyz_m, rope, path)
-
-
-def _check_ranges(model: RecordingModel, points: Points, path: Path) -> None:
-    """Refuse ranges of frames that are turned round or name no frame."""
-    for key, span in (("static_frames", model.static_frames), ("heldout_frames", model.heldout_frames)):
-        if span is None:
-            continue
-        if span[1] < span[0]:
-            raise FormatError(
-                f"{list(span)} ends before it begins", file=path, place=key, mend="give [first, last]"
-            )
-        if not ((points.frame >= span[0]) & (points.frame <= span[1])).any():
-            problem = f"{list(span)} names no frame of points.csv"
-            raise FormatError(problem, file=path, place=key, mend="give [first, last] or null")

@@ -309,6 +309,15 @@ def test_a_motion_in_millimetres(tmp_path: Path, refused: Refusals) -> None:
     refused(source, says, "--topic", f"motion={foreign.TOOL}")
 
 
+def test_an_obstacle_around_a_clamp(tmp_path: Path, refused: Refusals) -> None:
+    sphere = {"shape": "sphere", "center_m": [0.0, 0.01, 0.0], "radius_m": 0.03}
+    foreign.given(refused.about, **HELD, obstacles=[sphere])
+    shot = foreign.frames()
+    csv = foreign.elsewhere(tmp_path, foreign.motion(shot))
+    says = "robot.csv: line 2: the clamped start is 20.0 mm inside obstacle 0 (sphere)"
+    refused(foreign.redwood(tmp_path / "source", shot), says, "--motion", str(csv))
+
+
 def test_depth_of_another_viewpoint(tmp_path: Path, refused: Refusals) -> None:
     shot = foreign.frames()
     source = foreign.bag(tmp_path / "source.bag", replace(shot, depth=shot.depth[:, ::2, ::2]), Ros())

@@ -84,6 +84,8 @@ def refused(folder: Path, name: str) -> str:
             [[0, 0, 0], [0, 300, 0]],
             "rope_color_hsv.1.1: Input should be less than or equal",
         ),
+        ("static_frames", [1, 0], "static_frames: [1, 0] ends before it begins"),
+        ("heldout_frames", [2, 60], "heldout_frames: [2, 60] names no frame of frames.csv"),
     ],
 )
 def test_a_bad_key_is_named(tmp_path: Path, key: str, value: Any, says: str) -> None:
@@ -120,3 +122,10 @@ def test_only_free_ends_may_lack_a_motion(tmp_path: Path) -> None:
     assert "no such file" in refused(folder, "motion.csv")
     samples.set_key(folder / "capture.json", "ends", {"start": "free", "end": "free"})
     assert read_capture_index(folder).motion is None
+
+
+def test_an_obstacle_around_a_clamp(tmp_path: Path) -> None:
+    folder = samples.capture_folder(tmp_path / "c")
+    sphere = {"shape": "sphere", "center_m": [0.0, 0.01, 0.0], "radius_m": 0.03}
+    samples.set_key(folder / "capture.json", "obstacles", [sphere])
+    assert "line 2: the clamped start is 20.0 mm inside obstacle 0" in refused(folder, "motion.csv")
