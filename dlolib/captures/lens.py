@@ -12,6 +12,9 @@ from dlolib.captures.base import Image
 from dlolib.captures.foreign import Units
 from dlolib.types import Floats
 
+# Where a camera's matrix has what.
+PINHOLE = {"fx": (0, 0), "fy": (1, 1), "cx": (0, 2), "cy": (1, 2)}
+
 
 @dataclass(frozen=True)
 class Lens:
@@ -23,9 +26,7 @@ class Lens:
     @property
     def optics(self) -> dict[str, float]:
         """fx, fy, cx, cy [px] of the pinhole."""
-        matrix = self.matrix
-        named = {"fx": matrix[0, 0], "fy": matrix[1, 1], "cx": matrix[0, 2], "cy": matrix[1, 2]}
-        return {name: float(value) for name, value in named.items()}
+        return {name: float(self.matrix[place]) for name, place in PINHOLE.items()}
 
     def color(self, image: Image) -> Image:
         """The image (H, W, 3) as the pinhole sees it, mixed between neighbours; untouched where straight."""

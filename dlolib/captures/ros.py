@@ -135,12 +135,12 @@ def _unknown(bag: Bag, role: str, name: str, topics: list[str]) -> FormatError:
 def _calibration(bag: Bag, topics: Mapping[Role, str], asked: Asked) -> tuple[Lens | None, dict[str, float]]:
     """The lens, and the optics that the bag says; without CameraInfo only the units of depth."""
     optics = {"depth_scale": _depth_scale(bag, topics, asked.given)}
-    name = None if {"fx", "fy", "cx", "cy"} <= set(asked.given.optics) else _info(bag, topics, asked)
+    name = _info(bag, topics, asked)
     if name is None:
         return None, optics
     info = bag.first(name)
     rectified = "image_rect" in topics["depth"]
-    lens = ros_images.lens(info, rectified, Spot(bag.path, name))
+    lens = ros_images.lens(info, rectified, asked.given.optics, Spot(bag.path, name))
     optics |= {"width": float(info.width), "height": float(info.height)}
     return lens, optics | lens.optics
 

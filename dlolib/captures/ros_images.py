@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -12,7 +13,7 @@ import numpy as np
 
 from dlolib.captures.base import Image
 from dlolib.captures.foreign import Units
-from dlolib.captures.lens import Lens
+from dlolib.captures.lens import PINHOLE, Lens
 from dlolib.captures.pictures import decode_color, decode_png
 from dlolib.errors import FormatError
 from dlolib.types import Floats
@@ -101,8 +102,10 @@ def depth(message: Any, spot: Spot) -> Units:
     return _units(_rows(message, np.dtype(np.float32), 1, spot)[..., 0].astype(np.float64))
 
 
-def lens(info: Any, rectified: bool, spot: Spot) -> Lens:
+def lens(info: Any, rectified: bool, given: Mapping[str, float], spot: Spot) -> Lens:
     """The camera of a CameraInfo; a rectified image has its projection's matrix and no distortion.
+
+    What a person has given of fx, fy, cx, cy [px] stands in that matrix, and the distortion is about it.
 
     Raises:
         FormatError: not calibrated, or a lens whose model is not known.
@@ -112,6 +115,8 @@ def lens(info: Any, rectified: bool, spot: Spot) -> Lens:
     if rectified:
         matrix = np.array(info.P if hasattr(info, "P") else info.p, dtype=np.float64).reshape(3, 4)[:, :3]
         bent = np.zeros(0)
+    for name, place in PINHOLE.items():
+        matrix[place] = given.get(name, matrix[place])
     if not np.isfinite(matrix).all() or matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
         raise spot.refusal(
             "the camera is not calibrated: its focal length is 0", "calibrate it, or give camera.fx"

@@ -152,6 +152,7 @@ class Ros:
     color: str = "rgb8"
     depth: str = "16UC1"
     info: bool = True
+    calibrated: bool = True
     second_depth: bool = False
     distortion: tuple[float, ...] = (0.0,) * 5
     backwards: bool = False
@@ -261,7 +262,7 @@ class _Messages:
 
     def info(self, ns: int) -> Any:
         fx, fy, cx, cy = OPTICS.values()
-        matrix = np.array([fx, 0, cx, 0, fy, cy, 0, 0, 1])
+        matrix = np.array([fx, 0, cx, 0, fy, cy, 0, 0, 1]) * self.how.calibrated
         projection = np.insert(matrix, (3, 6, 9), 0.0)
         bent = np.array(self.how.distortion)
         region = self.types["sensor_msgs/msg/RegionOfInterest"]

@@ -291,6 +291,25 @@ def test_a_lens_is_taken_out_where_it_bends(tmp_path: Path) -> None:
     assert stored[row, column] == seen != shot.depth[0, row, column]
 
 
+def test_a_lens_is_taken_out_where_its_pinhole_is_given(tmp_path: Path) -> None:
+    shot = foreign.frames()
+    source = foreign.bag(tmp_path / "source.bag", shot, Ros(distortion=(-0.3, 0.1, 0.0, 0.0, 0.0)))
+    said = foreign.given(tmp_path / "said.json")
+    given = foreign.given(tmp_path / "given.json", camera=foreign.camera_of())
+    ingest(source, tmp_path / "expected", object_json=said)
+    ingest(source, tmp_path / "out", object_json=given)
+    assert files(tmp_path / "out") == files(tmp_path / "expected")
+
+
+def test_a_camera_without_calibration_is_given_whole(tmp_path: Path) -> None:
+    shot = foreign.frames()
+    source = foreign.bag(tmp_path / "source.bag", shot, Ros(calibrated=False))
+    given = foreign.given(tmp_path / "object.json", camera=foreign.camera_of())
+    ingest(foreign.own(tmp_path / "own", shot), tmp_path / "expected")
+    ingest(source, tmp_path / "out", object_json=given)
+    assert files(tmp_path / "out") == files(tmp_path / "expected")
+
+
 def test_color_is_brought_to_the_depth_camera() -> None:
     """A wall 0.5 m away, seen by a colour camera 50 mm to the right: fx 0.05 / 0.5 = 10 px."""
     lens = Lens(np.array([[100.0, 0, 31.5], [0, 100.0, 23.5], [0, 0, 1]]), np.zeros(8))
