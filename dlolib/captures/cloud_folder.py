@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
@@ -66,14 +67,11 @@ def _promised(data: bytes, path: Path) -> int:
     if not data.startswith(b"ply") or end is None or not counts:
         raise FormatError("is no PLY with vertices", file=path, mend="save the cloud as PLY")
     first = next(number for number, word in enumerate(words) if word[:2] == ["element", "vertex"])
-    row = 0
-    for word in words[first + 1 :]:
-        if word[:1] != ["property"]:
-            break
-        row += BYTES.get(word[1], 1)
+    properties = takewhile(lambda word: word[:1] == ["property"], words[first + 1 :])
+    sizes = [BYTES.get(word[1], 1) for word in properties]
     binary = any(word[:1] == ["format"] and word[1].startswith("binary") for word in words if len(word) > 1)
     body = data[end.end() :]
-    held = len(body) // max(row, 1) if binary else body.count(b"\n")
+    held = len(body) // max(sum(sizes), 1) if binary else len(body.split()) // max(len(sizes), 1)
     if held < counts[0]:
         raise FormatError(
             f"is truncated: {held} points where its header promises {counts[0]}",

@@ -13,9 +13,10 @@ from chain.tubes import Scene, along, index_of, photograph, wave
 
 from dlolib.captures import open_capture
 from dlolib.captures.base import Frame
+from dlolib.captures.cloud_folder import read_cloud
 from dlolib.chain import ChainSettings, chain_frame, extract_chain
 from dlolib.chain.cloud import view_of_cloud
-from dlolib.errors import ChainError
+from dlolib.errors import ChainError, FormatError
 from dlolib.types import Floats
 
 SHARED = Path(__file__).parents[3] / "shared/data/real/rope_clouds"
@@ -52,6 +53,24 @@ def test_without_a_diameter_a_cloud_stays_on_the_skin() -> None:
     index = replace(index, rope=replace(index.rope, diameter_m=None))
     frame = Frame(0, 0.0, Path("cloud.ply"), cloud_m=cloud_of(*photograph(axis, scene), scene))
     assert -8.2e-3 < chain_frame(frame, index, ChainSettings()).xyz_m[:, 1].mean() < -6.8e-3
+
+
+PLY = b"ply\nformat ascii 1.0\nelement vertex 2\n" + b"".join(b"property float %c\n" % c for c in b"xyz")
+
+
+@pytest.mark.parametrize("last", [b"", b"\n", b"\r\n"])
+def test_a_cloud_in_text_may_lack_its_last_line_break(tmp_path: Path, last: bytes) -> None:
+    path = tmp_path / "cloud.ply"
+    path.write_bytes(PLY + b"end_header\n0 0 0.5\n0.1 0.2 0.625" + last)
+    np.testing.assert_allclose(read_cloud(path), [[0, 0, 0.5], [0.1, 0.2, 0.625]], atol=1e-7)
+
+
+@pytest.mark.parametrize("rest", [b"", b"\n", b"\n\n\n", b"\n0.1 0.2"])
+def test_a_cloud_in_text_that_lacks_a_number_is_truncated(tmp_path: Path, rest: bytes) -> None:
+    path = tmp_path / "cloud.ply"
+    path.write_bytes(PLY + b"end_header\n0 0 0.5" + rest)
+    with pytest.raises(FormatError, match=r"cloud\.ply: is truncated: 1 points where its header promises 2"):
+        read_cloud(path)
 
 
 def test_a_handful_of_points_is_no_rope() -> None:
