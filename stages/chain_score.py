@@ -20,16 +20,15 @@ HIDDEN_MARGIN_M = 0.003
 class Score:
     """One frame: distances [m] (K,) from the axis, differences in arc length [m] (K,), and so on.
 
-    place_m (K,): distance from where the axis is at the point's own arc length; spacing (K - 1,): distance
-    of neighbours over the true one, less one; ordered; covered: share of the visible axis on the chain;
-    stray: points further than 10 mm away; invented: points deeper than 3 mm in a hidden stretch;
-    squares (K,): squared length of the error at the point's arc length, in units of its covariance; white
-    (points of a chain, 3): these errors made independent of direction, NaN where there is no point.
+    spacing (K - 1,): distance of neighbours over the true one, less one; ordered; covered: share of the
+    visible axis on the chain; stray: points further than 10 mm away; invented: points deeper than 3 mm in a
+    hidden stretch; squares (K,): squared length of the error at the point's arc length, in units of its
+    covariance; white (points of a chain, 3): these errors made independent of direction, NaN where there is
+    no point.
     """
 
     off_m: Floats
     arc_m: Floats
-    place_m: Floats
     spacing: Floats
     ordered: bool
     covered: float
@@ -58,7 +57,6 @@ def score(chain: FrameChain, s_m: Floats, axis_m: Floats, visible: np.ndarray, p
     return Score(
         apart[np.arange(len(foot)), foot],
         true - chain.s_m,
-        np.linalg.norm(chain.xyz_m - at, axis=1),
         spacing,
         ordered,
         _covered(chain, near, axis_m, visible),

@@ -27,10 +27,9 @@ from dlolib.formats import (
     say,
     write_capture_index,
 )
+from dlolib.formats.capture import OPTICS
 from dlolib.progress import track
 from dlolib.types import Camera, CaptureIndex, Floats, Motion
-
-OPTICS = ("width", "height", "fx", "fy", "cx", "cy", "depth_scale")
 
 
 @dataclass

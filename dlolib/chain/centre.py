@@ -40,7 +40,7 @@ def centred_lines(lines: list[Floats], width: float, view: View, half_wave_px: f
         """Where a line may go on: on the mask, and not where another line is."""
         distance, nearest = tree.query(far)
         alone: NDArray[np.bool_] = (owner[nearest] == number) | (distance > OWN_WIDTHS * width)
-        return _on(view.mask, far) & alone
+        return on_mask(view.mask, far) & alone
 
     grids = []
     for number, line in enumerate(lines):
@@ -57,12 +57,11 @@ def centred_lines(lines: list[Floats], width: float, view: View, half_wave_px: f
 
 @dataclass(frozen=True)
 class Sections:
-    """For each pixel: line and sample of the nearest section, offset across it and along the line [px]."""
+    """For each pixel: line and sample of the nearest section, offset across it [px]."""
 
     line: NDArray[np.intp]
     sample: NDArray[np.intp]
     across: Floats
-    along: Floats
 
     @staticmethod
     def of(grids: list[Floats], pixels: Floats, width: float) -> Sections:
@@ -79,11 +78,11 @@ class Sections:
         first = np.cumsum([0, *(len(grid) for grid in grids)])[number]
         # Beyond its ends a line has no sections.
         number = np.where(found & (np.abs(along) <= 1), number, -1)
-        return Sections(number, nearest - first, across, along)
+        return Sections(number, nearest - first, across)
 
     def take(self, mine: NDArray[np.bool_]) -> Sections:
         """The same of some of the pixels only."""
-        return Sections(self.line[mine], self.sample[mine], self.across[mine], self.along[mine])
+        return Sections(self.line[mine], self.sample[mine], self.across[mine])
 
 
 def tangents(grid: Floats) -> Floats:
@@ -108,7 +107,8 @@ def resampled(line: Floats) -> Floats:
     return np.stack([np.interp(at, length, line[:, axis]) for axis in range(2)], axis=-1)
 
 
-def _on(mask: Mask, pixels: Floats) -> NDArray[np.bool_]:
+def on_mask(mask: Mask, pixels: Floats) -> NDArray[np.bool_]:
+    """Whether places (N, 2) [px] are in the image and on its mask (H, W), shape (N,)."""
     column, row = np.round(pixels).astype(int).T
     inside = (column >= 0) & (row >= 0) & (column < mask.shape[1]) & (row < mask.shape[0])
     on = mask[np.clip(row, 0, mask.shape[0] - 1), np.clip(column, 0, mask.shape[1] - 1)]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
+from dlolib.chain.centre import on_mask
 from dlolib.chain.lift import Strand
 from dlolib.chain.order import Anchor
 from dlolib.chain.view import View
@@ -79,17 +80,9 @@ def _curve(
         return None
     curve = CubicHermiteSpline([0.0, 1.0], [here, there], [gap * heading, gap * arriving])
     way = np.asarray(curve(np.linspace(0, 1, max(round(gap), 1) + 1)[1:-1]), dtype=np.float64).reshape(-1, 2)
-    if len(way) and _share_on(way, view) < LEAST_ON_MASK:
+    if len(way) and on_mask(view.mask, way).mean() < LEAST_ON_MASK:
         return None
     return way
-
-
-def _share_on(way: Floats, view: View) -> float:
-    column, row = np.round(way).astype(int).T
-    height, width = view.mask.shape
-    inside = (column >= 0) & (row >= 0) & (column < width) & (row < height)
-    on = view.mask[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)] & inside
-    return float(on.mean())
 
 
 def _heading(line: Floats, width: float) -> Floats:

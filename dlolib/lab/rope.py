@@ -11,6 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dlolib.errors import ParameterError
+from dlolib.lab.turn import from_z
 from dlolib.types import Floats, Obstacle
 
 Law = Literal["elastic", "plastic"]
@@ -166,20 +167,19 @@ def _add_obstacle(world: mujoco.MjsBody, obstacle: Obstacle, friction: float) ->
     )
 
 
-def _from_z(direction: Floats) -> list[float]:
+def _along(direction: Floats) -> list[float]:
     """The quaternion that turns +z into this direction."""
-    turn, _ = Rotation.align_vectors([direction / np.linalg.norm(direction)], [[0.0, 0.0, 1.0]])
-    return [float(value) for value in turn.as_quat(scalar_first=True)]
+    return [float(value) for value in from_z(direction).as_quat(scalar_first=True)]
 
 
 Values = Mapping[str, Floats]
 NO_TURN = [1.0, 0.0, 0.0, 0.0]
 GEOMS: dict[str, Callable[[Values], tuple[mujoco.mjtGeom, list[float], list[float]]]] = {
-    "cylinder": lambda of: (mujoco.mjtGeom.mjGEOM_CYLINDER, _round(of), _from_z(of["axis"])),
+    "cylinder": lambda of: (mujoco.mjtGeom.mjGEOM_CYLINDER, _round(of), _along(of["axis"])),
     "sphere": lambda of: (mujoco.mjtGeom.mjGEOM_SPHERE, [of["radius_m"][0], 0, 0], NO_TURN),
-    "plane": lambda of: (mujoco.mjtGeom.mjGEOM_PLANE, [0, 0, 1], _from_z(of["normal"])),
+    "plane": lambda of: (mujoco.mjtGeom.mjGEOM_PLANE, [0, 0, 1], _along(of["normal"])),
     "box": lambda of: (mujoco.mjtGeom.mjGEOM_BOX, list(of["size_m"] / 2), list(of["quaternion"])),
-    "capsule": lambda of: (mujoco.mjtGeom.mjGEOM_CAPSULE, _round(of), _from_z(of["axis"])),
+    "capsule": lambda of: (mujoco.mjtGeom.mjGEOM_CAPSULE, _round(of), _along(of["axis"])),
 }
 """MuJoCo's kind, size and quaternion of each shape."""
 

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
+from dlolib.lab.turn import from_z
 from dlolib.o3d import open3d
 from dlolib.types import Floats, Ints, Obstacle, Pose
 
@@ -141,7 +142,8 @@ def _obstacle(obstacle: Obstacle) -> Any:
 
 def _cylinder(values: Values) -> tuple[Any, Floats]:
     radius, height = float(values["radius_m"][0]), float(values["height_m"][0])
-    return open3d.geometry.TriangleMesh.create_cylinder(radius, height, 64), _from_z(values["axis"])
+    turn = from_z(values["axis"]).as_matrix()
+    return open3d.geometry.TriangleMesh.create_cylinder(radius, height, 64), turn
 
 
 def _sphere(values: Values) -> tuple[Any, Floats]:
@@ -168,12 +170,6 @@ MESHES: dict[str, Callable[[Values], tuple[Any, Floats]]] = {
     "capsule": _capsule,
 }
 """Each shape's mesh about the origin, and the turn (3, 3) that brings it to its place."""
-
-
-def _from_z(direction: Floats) -> Floats:
-    """The turn (3, 3) of +z into this direction."""
-    axis = direction / np.linalg.norm(direction)
-    return np.asarray(Rotation.align_vectors([axis], [[0.0, 0.0, 1.0]])[0].as_matrix())
 
 
 def _mesh(vertices: Floats, faces: Ints) -> Any:
