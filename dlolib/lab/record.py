@@ -10,6 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from dlolib.errors import ParameterError
 from dlolib.files import whole_folder, write_json
 from dlolib.formats.capture import write_capture_index
 from dlolib.formats.motion import interpolate_motion
@@ -31,8 +32,11 @@ class Experiment:
     Args:
         rope, sensor: what is moved and what looks.
         waypoints, waypoint_interval_s: of the arc.
-        frame_every: a frame at every so many waypoints.
+        frame_every: a frame at every so many waypoints, at most all of them.
         obstacles: in the way or in the view.
+
+    Raises:
+        ParameterError: there would be no frame.
     """
 
     rope: LabRope = field(default_factory=LabRope)
@@ -41,6 +45,12 @@ class Experiment:
     waypoint_interval_s: float = 0.05
     frame_every: int = 10
     obstacles: tuple[Obstacle, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.frame_every > self.waypoints:
+            problem = f"{self.frame_every} leaves no frame of {self.waypoints} waypoints"
+            mend = f"give {self.waypoints} or less, or more lab.waypoints"
+            raise ParameterError(problem, place="lab.frame_every", mend=mend)
 
 
 def record(experiment: Experiment, capture: Path, truth: Path) -> LabRun:

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from dlolib.errors import DloError
+from dlolib.errors import DloError, ParameterError
 from dlolib.formats.capture import read_capture_index
 from dlolib.lab.camera import Sensor
 from dlolib.lab.record import Experiment, record
@@ -70,3 +70,9 @@ def test_an_impossible_rope_leaves_nothing_behind(tmp_path: Path) -> None:
     with pytest.raises(DloError, match="apart"):
         record(replace(SMALL, rope=LabRope(length_m=0.3)), tmp_path / "capture", tmp_path / "truth")
     assert not list(tmp_path.iterdir())
+
+
+def test_an_experiment_has_a_frame() -> None:
+    assert replace(SMALL, frame_every=20).frame_every == 20
+    with pytest.raises(ParameterError, match=r"^lab\.frame_every: 21 leaves no frame of 20 waypoints; give"):
+        replace(SMALL, frame_every=21)
