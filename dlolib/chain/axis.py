@@ -28,7 +28,7 @@ class Axis:
 
     measured_m is the length as measured from start to end, hidden stretches included; fitted tells
     whether s_m was brought to the rope's known length; else it is counted from the start, or from_end, back
-    from the known length there. sigma_m (M, 2), the deviations of the depth and across the line of sight
+    from the known length there, and goes no further than that where no end is held. sigma_m (M, 2), the deviations of the depth and across the line of sight
     where they were asked for, NaN where hidden.
     """
 
@@ -80,6 +80,9 @@ def assemble(
     from_end = start is None and end is not None and not fitted
     if from_end:
         s += length_m - s[-1]
+    elif start is None and end is None and not fitted:
+        # both tips are seen and the length is not what it was taken for: the points go from tip to tip
+        s *= min(1.0, length_m / max(s[-1], 1e-12))
     sigma = np.concatenate([piece.sigma_m for piece in pieces])
     known = sigma if np.isfinite(sigma).any() else None
     return Axis(s, points, seen, pixel, measured, fitted, known, from_end)

@@ -80,11 +80,12 @@ def chain_frame(
         if _starts_at_the_other(tips, previous):
             strands = [strand.turned() for strand in strands[::-1]]
     axis = assemble(strands, start, end, index.rope.length_m, settings.bridge_m)
-    share = _seen_share(axis, index.rope.length_m)
+    held = start is not None or end is not None
+    whole = index.rope.length_m if axis.fitted or held else float(axis.s_m[-1])
+    share = _seen_share(axis, whole)
     if share < settings.min_seen:
         raise _no_rope(frame, f"only {share:.0%} of the rope is seen")
-    spacing = index.rope.length_m / (settings.points - 1)
-    s_m, points, pixel = greedy_chain(axis, spacing, settings.points)
+    s_m, points, pixel = greedy_chain(axis, whole / (settings.points - 1), settings.points)
     if not len(s_m):
         raise _no_rope(frame, "what is long and narrow in it is too short for a chain's spacing")
     scatter = float(np.median([strand.sigma_m for strand in strands]))
@@ -181,9 +182,9 @@ def _starts_at_the_other(tips: Floats, previous: FrameChain | None) -> bool:
     return bool(near[1] < near[0])
 
 
-def _seen_share(axis: Axis, length_m: float) -> float:
+def _seen_share(axis: Axis, whole_m: float) -> float:
     seen = axis.seen[1:] & axis.seen[:-1]
-    return float(min(np.diff(axis.s_m)[seen].sum() / length_m, 1.0))
+    return float(min(np.diff(axis.s_m)[seen].sum() / whole_m, 1.0))
 
 
 def _no_rope(frame: Frame, why: str) -> ChainError:
