@@ -38,8 +38,8 @@ def play(experiment: Experiment, effects: Effects = NOTHING, bodies: int = BODIE
     """The rope's points in every frame [m], shape (F, 30, 3), without noise.
 
     A chain of so many bodies bends like a rope that is a percent stiffer, an error that falls with their
-    square: one with a body less between two points tells how much is left (Richardson), unless it took
-    another way.
+    square: one with a body less between two points tells how much is left (Richardson), or, in frames where
+    that one took another way, one with a body more.
 
     Args:
         experiment: what is known of it.
@@ -51,13 +51,15 @@ def play(experiment: Experiment, effects: Effects = NOTHING, bodies: int = BODIE
         SimulationError: the rope finds no balance, as where it is pulled longer than it is.
     """
     points = _played(experiment, effects, bodies, finer)
-    fewer = bodies - (POINTS - 1)
-    if fewer:
-        with contextlib.suppress(SimulationError):
-            more = points - _played(experiment, effects, fewer, finer)
-            if np.abs(more).max() < OTHERWISE_M:
-                points = points + more / ((bodies / fewer) ** 2 - 1)
-    return _through_camera(points, effects)
+    found, alone = points.copy(), np.full(len(points), bodies > POINTS - 1)
+    for other in (bodies - (POINTS - 1), bodies + (POINTS - 1)):
+        if alone.any():
+            with contextlib.suppress(SimulationError):
+                more = points - _played(experiment, effects, other, finer)
+                alike = alone & (np.abs(more).max(axis=(1, 2)) < OTHERWISE_M)
+                found[alike] = points[alike] + more[alike] / ((bodies / other) ** 2 - 1)
+                alone &= ~alike
+    return _through_camera(found, effects)
 
 
 def _played(experiment: Experiment, effects: Effects, bodies: int, finer: int) -> Floats:
