@@ -28,8 +28,8 @@ class Axis:
 
     measured_m is the length as measured from start to end, hidden stretches included; fitted tells
     whether s_m was brought to the rope's known length; else it is counted from the start, or from_end, back
-    from the known length there, and goes no further than that where no end is held. sigma_m (M, 2), the deviations of the depth and across the line of sight
-    where they were asked for, NaN where hidden.
+    from the known length there, and goes no further than that where no end is held. sigma_m (M, 2), the
+    deviations of the depth and across the line of sight where they were asked for, NaN where hidden.
     """
 
     s_m: Floats

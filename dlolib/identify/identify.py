@@ -14,6 +14,7 @@ from dlolib.errors import ParameterError, SimulationError
 from dlolib.identify.intervals import bootstrap
 from dlolib.identify.parameters import ACTS_M, LOGARITHM_SCALE, Unknown, acting, candidates
 from dlolib.identify.problem import Bools, Problem, axes, check_one_object
+from dlolib.progress import track
 from dlolib.sim.continuum import mesh_error, refined
 from dlolib.sim.poses import model_of, near
 from dlolib.sim.recording import dynamic_step
@@ -117,7 +118,7 @@ def identify(
     problem, theta = _acting_only(problem, theta, settings)
     history: list[Floats] = []
     theta = _best_start(problem, theta, settings, history)
-    for _ in range(CORRECTIONS):
+    for _ in track(range(CORRECTIONS), "what the mesh leaves out"):
         problem = _corrected(problem, theta, settings)
         theta = _solve(problem, theta, settings, history).x
     low, high = bootstrap(problem, theta, settings.bootstrap, settings.seed)
@@ -165,7 +166,7 @@ def _coordinates(problem: Problem, stiffness: float) -> Floats:
 def _best_start(problem: Problem, theta: Floats, settings: IdentifySettings, history: list[Floats]) -> Floats:
     """The best optimum from several stiffnesses: a taut or a stiff rope has others, far from the truth."""
     found: list[tuple[float, Floats, list[Floats]]] = []
-    for factor in START_FACTORS:
+    for factor in track(START_FACTORS, "stiffnesses to start from"):
         start = theta + np.array([np.log(factor) if u.stiffness else 0.0 for u in problem.unknowns])
         steps: list[Floats] = []
         try:

@@ -99,7 +99,7 @@ def test_measurement_effects_are_as_the_formats_say() -> None:
 
 
 def test_frames_in_which_chains_agree_are_of_the_continuous_rope_whatever_others_do() -> None:
-    """This rope's twist may go either way in the middle of its motion, and does with other numbers of bodies."""
+    """This rope may twist either way in the middle of its motion, and does with other numbers of bodies."""
     case = draw_case(5335539873960795634, 24, ("anisotropic_bending",))
     some = replace(case.experiment, frame_t_s=case.experiment.frame_t_s[[0, 42, 45, 50]])
     shown, finer = (play.play(some, case.effects, bodies) for bodies in (87, 174))
