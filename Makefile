@@ -92,6 +92,10 @@ proof: .venv/installed ## the blind proof: SHARDS of SIZE recordings drawn from 
 proof-without: .venv/installed ## what was found alone once more, its effect taken out of the library [ONLY="shard ..."]
 	@python -m stages.proof --without $(ONLY)
 
+.PHONY: proof-same
+proof-same: .venv/installed ## whether this version of what diagnoses gives the verdicts of SHARD="shard_..." byte for byte
+	@python -m stages.proof_same $(SHARD)
+
 .PHONY: proof-calibration
 proof-calibration: .venv/installed ## recordings of the proof's laboratory with their answers, to set thresholds by
 	@python -m stages.proof --calibration

@@ -9,6 +9,7 @@ beside them, under a seed of its own; they never count.
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import os
 import secrets
@@ -110,7 +111,11 @@ def finish(shard: str, command: str) -> None:
     names = sorted(path.name for path in (RECORDINGS / shard).iterdir())
     tasks = [((RECORDINGS / shard / name,), VERDICTS / shard / name, command) for name in names]
     together(ThreadPoolExecutor(WORKERS), diagnose, tasks, f"diagnosing {shard}")
-    rows = {name: score(verdict_in(VERDICTS / shard / name), _answer(shard, name)) for name in names}
+    rows = {
+        name: score(verdict_in(VERDICTS / shard / name), _answer(shard, name))
+        | {"verdict_sha256": verdict_sha256(VERDICTS / shard / name)}
+        for name in names
+    }
     book.settle(BOOK, shard, SEALED / shard, sealed["seed"])
     figures = summarise(list(rows.values()))
     write_json(BOOK / f"{shard}.json", {"shard": shard, "summary": figures, "recordings": rows})
@@ -172,11 +177,13 @@ def diagnose(recordings: Sequence[Path], verdict: Path, command: str) -> None:
 
 
 def totals() -> dict[str, Any]:
-    """All scored shards of the last version of dlolib together; every started one is counted."""
+    """All scored shards of the last version of what diagnoses, and of those that give the same verdicts,
+    together; every started one is counted."""
     started = book.runs(BOOK)
     scored = [row for row in started if row["state"] == "scored"]
     last = scored[-1]["version"] if scored else None
-    shards = [row["shard"] for row in scored if row["version"] == last]
+    same = book.alike(BOOK, last) if last else set()
+    shards = [row["shard"] for row in scored if row["version"] in same]
     files = [json.loads((BOOK / f"{shard}.json").read_text()) for shard in shards]
     rows = [row for one in files for row in one["recordings"].values()]
     counts = {"started": len(started), "scored": len(scored), "version": last, "shards": shards}
@@ -229,7 +236,7 @@ def without(command: str, only: Sequence[str] = ()) -> dict[str, Any]:
     """
     again = last_shards(only)
     before = _read(BOOK / "without.json") or {"version": None, "recordings": []}
-    kept = before["recordings"] if before["version"] == book.version() else []
+    kept = before["recordings"] if before["version"] in book.alike(BOOK, book.version()) else []
     rows = [row for row in kept if row["shard"] not in again]
     for shard, (_, scored) in again.items():
         found = {name: row for name, row in scored.items() if row["outcome"] in ("right", "tied")}
@@ -258,6 +265,12 @@ def calibrate(seed: int) -> None:
 def verdict_in(folder: Path) -> dict[str, Any] | None:
     """What a diagnosis left; None where it failed."""
     return _read(folder / "verdict.json")
+
+
+def verdict_sha256(folder: Path) -> str | None:
+    """Of a verdict's bytes; None where the diagnosis failed."""
+    path = folder / "verdict.json"
+    return hashlib.sha256(path.read_bytes()).hexdigest() if path.exists() else None
 
 
 def _read(path: Path) -> dict[str, Any] | None:

@@ -70,6 +70,10 @@ class Workers:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        if kind is not None:
+            # nobody waits for what they are at
+            for process in multiprocessing.active_children():
+                process.terminate()
         for pool in self._others:
             pool.shutdown(cancel_futures=True)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import subprocess
 from datetime import UTC, datetime
 from pathlib import Path
@@ -13,7 +14,7 @@ import pandas as pd
 from dlolib.errors import ParameterError
 from dlolib.files import write_csv
 
-RUNS = "runs.csv"
+RUNS, SAME = "runs.csv", "same.json"
 # What `dlo diagnose` is made of: all that `dlolib.diagnose` imports, the command, and its figures.
 PARTS = (
     "dlolib/cli.py",
@@ -71,6 +72,21 @@ def seal(answers: Path) -> str:
     for path in sorted(answers.glob("*.json")):
         digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()
+
+
+def alike(book: Path, version: str) -> set[str]:
+    """This version and all whose verdicts were found to be the same, byte for byte (`stages.proof_same`)."""
+    pairs = [{row["version"], row["as"]} for row in compared(book) if not row["differ"]]
+    found = {version}
+    while more := {one for pair in pairs if pair & found for one in pair} - found:
+        found |= more
+    return found
+
+
+def compared(book: Path) -> list[dict[str, Any]]:
+    """What was found about versions that may be the same, in the order in which it was found."""
+    path = book / SAME
+    return list(json.loads(path.read_text())["compared"]) if path.exists() else []
 
 
 def commit() -> str:

@@ -1,0 +1,63 @@
+"""Versions that give the same verdicts count together, and no others."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from dlolib.errors import ParameterError
+from dlolib.proof import book
+from stages import proof, proof_same
+from tests.proof.test_proof_stage import command, rows  # noqa: F401  (a fixture)
+
+
+def scored_shard(command: str, size: int = 2) -> dict[str, str]:  # noqa: F811
+    """The book's row of a scored shard; what diagnoses no longer asks whether it is noted."""
+    proof.main("--size", str(size), "--command", command)
+    says = Path("says.py")
+    says.write_text(says.read_text().replace('assert "diagnosing" in note', "assert note"))
+    (row,) = rows()
+    return row
+
+
+def test_a_version_with_the_same_verdicts_counts_with_the_one_before(
+    command: str,  # noqa: F811
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    row = scored_shard(command)
+    monkeypatch.setattr(book, "version", lambda: "later")
+    assert book.alike(proof.BOOK, "later") == {"later"}
+    proof_same.main(row["shard"], "--command", command)
+    assert (
+        book.alike(proof.BOOK, "later") == {"later", row["version"]} == book.alike(proof.BOOK, row["version"])
+    )
+    (found,) = book.compared(proof.BOOK)
+    assert (found["recordings"], found["differ"]) == (2, [])
+    assert proof.totals()["shards"] == [row["shard"]]
+
+
+def test_one_verdict_that_differs_makes_two_versions(command: str, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
+    row = scored_shard(command)
+    path = proof.BOOK / f"{row['shard']}.json"
+    written = json.loads(path.read_text())
+    written["recordings"]["001"]["verdict_sha256"] = "0" * 64
+    path.write_text(json.dumps(written))
+    monkeypatch.setattr(book, "version", lambda: "later")
+    proof_same.main(row["shard"], "--command", command)
+    assert book.compared(proof.BOOK)[0]["differ"] == ["001"]
+    assert book.alike(proof.BOOK, "later") == {"later"}
+
+
+def test_sameness_goes_on_from_version_to_version(tmp_path: Path) -> None:
+    pairs = [("b", "a", []), ("c", "b", []), ("d", "c", ["000"])]
+    compared = [{"version": new, "as": old, "differ": differ} for new, old, differ in pairs]
+    (tmp_path / book.SAME).write_text(json.dumps({"compared": compared}))
+    assert book.alike(tmp_path, "a") == {"a", "b", "c"}
+    assert book.alike(tmp_path, "d") == {"d"}
+
+
+def test_what_is_in_no_commit_is_no_version(command: str, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
+    row = scored_shard(command, size=1)
+    monkeypatch.setattr(book, "version", lambda: "later+changes")
+    with pytest.raises(ParameterError, match="commit them first"):
+        proof_same.main(row["shard"], "--command", command)
