@@ -14,49 +14,10 @@ import numpy as np
 import pytest
 from captures import foreign_samples as foreign
 from captures.foreign_samples import Ros
-
-from dlolib.cli import run
+from captures.refusals import Refusals
 
 Spoil = Callable[[Path], object]
 ROS = ("ros1", "ros2", "mcap")
-FREE = {"ends": {"start": "free", "end": "free"}}
-HELD = {"ends": {"start": "clamped", "end": "clamped"}}
-
-
-class Refusals:
-    """Runs `dlo ingest` and looks at what it said and wrote."""
-
-    def __init__(self, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-        self.folder, self.capfd = tmp_path, capfd
-        self.about = foreign.given(tmp_path / "object.json", camera=foreign.camera_of())
-
-    def status(self, source: Path, *options: str) -> tuple[int, str]:
-        """Exit status and what was said on standard error; a refusal leaves nothing behind."""
-        before = sorted(self.folder.iterdir())
-        out = self.folder / "out"
-        status = run(["ingest", str(source), "--out", str(out), "--object", str(self.about), *options])
-        captured = self.capfd.readouterr()
-        if status == 0:
-            shutil.rmtree(out)
-            return status, captured.err
-        assert status == 2, captured
-        assert captured.out == ""
-        line = captured.err
-        assert line.startswith("dlo: ") and line.endswith("\n") and line.count("\n") == 1, line
-        assert "; " in line, "says no mend"
-        assert sorted(self.folder.iterdir()) == before, "something half written"
-        return status, line
-
-    def __call__(self, source: Path, says: str, *options: str) -> None:
-        """It is refused, and the line says so."""
-        status, line = self.status(source, *options)
-        assert status == 2, "was taken"
-        assert says in line, line
-
-
-@pytest.fixture
-def refused(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> Refusals:
-    return Refusals(tmp_path, capfd)
 
 
 def told(value: object) -> str:
@@ -272,33 +233,6 @@ def test_bags(
     refused(source, says, *options)
 
 
-@pytest.mark.parametrize("depth", ["32FC1", "inverse"])
-def test_units_of_depth_that_is_in_metres(tmp_path: Path, refused: Refusals, depth: str) -> None:
-    source = foreign.bag(tmp_path / "source.bag", foreign.frames(), Ros(depth=depth))
-    says = "camera.depth_scale: 1000 units per metre, but this source's depth is in metres; leave it out"
-    refused(source, says)
-    foreign.given(refused.about, camera=foreign.camera_of(10_000.0))
-    assert refused.status(source)[0] == 0
-
-
-def test_ends_whose_motion_nobody_gives(tmp_path: Path, refused: Refusals) -> None:
-    foreign.given(refused.about, **HELD)
-    shot = foreign.frames()
-    source = foreign.bag(tmp_path / "source.bag", shot, Ros(), foreign.motion(shot))
-    refused(
-        source,
-        "motion: does not say how the held ends move; give --motion CSV, or --topic motion=NAME: /tcp_pose",
-    )
-    refused(
-        source,
-        "object.json: start: the motion needs the pose of the start",
-        "--topic",
-        f"motion={foreign.TOOL}",
-    )
-    foreign.given(refused.about, **FREE)
-    refused(source, "ends: both ends are free, but a motion is given", "--topic", f"motion={foreign.TOOL}")
-
-
 def test_a_motion_in_millimetres(tmp_path: Path, refused: Refusals) -> None:
     foreign.given(refused.about, ends={"start": "free", "end": "clamped"})
     shot = foreign.frames()
@@ -307,15 +241,6 @@ def test_a_motion_in_millimetres(tmp_path: Path, refused: Refusals) -> None:
     source = foreign.bag(tmp_path / "source.bag", shot, Ros(), far)
     says = "source.bag: as motion.csv, line 2, column end_x_m: 420 m; looks like millimetres; divide by 1000"
     refused(source, says, "--topic", f"motion={foreign.TOOL}")
-
-
-def test_an_obstacle_around_a_clamp(tmp_path: Path, refused: Refusals) -> None:
-    sphere = {"shape": "sphere", "center_m": [0.0, 0.01, 0.0], "radius_m": 0.03}
-    foreign.given(refused.about, **HELD, obstacles=[sphere])
-    shot = foreign.frames()
-    csv = foreign.elsewhere(tmp_path, foreign.motion(shot))
-    says = "robot.csv: line 2: the clamped start is 20.0 mm inside obstacle 0 (sphere)"
-    refused(foreign.redwood(tmp_path / "source", shot), says, "--motion", str(csv))
 
 
 def test_depth_of_another_viewpoint(tmp_path: Path, refused: Refusals) -> None:
@@ -437,55 +362,6 @@ def test_what_is_no_recording(tmp_path: Path, refused: Refusals) -> None:
     refused(tmp_path / "nowhere", "")
     (tmp_path / "empty").mkdir()
     refused(tmp_path / "empty", "")
-
-
-def test_options_that_do_not_fit(tmp_path: Path, refused: Refusals) -> None:
-    source = foreign.tum(tmp_path / "source", foreign.frames())
-    refused(source, "has no topic of 'depth'; leave it out", "--topic", "depth=/depth")
-    refused(foreign.own(tmp_path / "own", foreign.frames()), "--object: a capture folder has no topics")
-
-
-def test_nobody_says_what_was_recorded(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    source = foreign.redwood(tmp_path / "source", foreign.frames())
-    assert run(["ingest", str(source), "--out", str(tmp_path / "out")]) == 2
-    assert (
-        "source: object: does not say which object was recorded; give --object FILE" in capfd.readouterr().err
-    )
-    assert sorted(tmp_path.iterdir()) == [source]
-
-
-@pytest.mark.parametrize(
-    ("changes", "says"),
-    [
-        ({"object": {"name": "rope"}}, "object.json: object.length_m"),
-        ({"camera": {"fx": 0}}, "object.json: camera.fx"),
-        ({"camera": {"world_from_camera": [[1]]}}, "object.json: camera.world_from_camera: is no 4 x 4"),
-        ({"tool_from_grasp": [[2]]}, "object.json: tool_from_grasp: is no 4 x 4"),
-        ({"start": {"position_m": [0, 0, 0], "quaternion": [0, 0, 0, 0]}}, "object.json: start.quaternion"),
-        ({"format": "dlo-layout/1"}, "object.json: format"),
-    ],
-)
-def test_an_object_that_is_none(
-    tmp_path: Path, refused: Refusals, changes: dict[str, Any], says: str
-) -> None:
-    foreign.given(refused.about, **changes)
-    refused(foreign.redwood(tmp_path / "source", foreign.frames()), says)
-
-
-def test_images_of_the_empty_scene_that_do_not_fit(tmp_path: Path, refused: Refusals) -> None:
-    source = foreign.redwood(tmp_path / "source", foreign.frames())
-    foreign.given(refused.about, background_depth="empty.png")
-    refused(source, "empty.png: no such file (background_depth of object.json)")
-    cv2.imwrite(str(tmp_path / "empty.png"), np.full((12, 16), 700, np.uint16))
-    refused(source, "empty.png: is 16 x 12 pixels, the camera 32 x 24")
-    outside = tmp_path / "scene"
-    outside.mkdir()
-    foreign.given(outside / "object.json", background_depth="empty.png")
-    (outside / "empty.png").symlink_to(tmp_path / "empty.png")
-    refused.about = outside / "object.json"
-    refused(source, "scene/empty.png: is a link that leads out of the folder")
-    foreign.given(refused.about, background_color="../empty.png")
-    refused(source, "object.json: background_color: '../empty.png' is no path within its folder")
 
 
 def test_an_image_of_the_empty_scene_beside_clouds_asks_for_its_optics(
