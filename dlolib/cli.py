@@ -105,7 +105,7 @@ def ingest(
     """Check every frame of a recording and write it as a capture: dlo-capture/1."""
     from dlolib.captures import ingest as ingest_capture
 
-    check_out(out, source, motion, about)
+    check_out(out, "capture.json", source, motion, about)
     index = ingest_capture(source, out, motion, parse_topics(topic or []), about)
     _say(f"{out}: {len(index.frame)} frames of {index.rope.name}, {index.t_s[-1] - index.t_s[0]:.3g} s")
 
@@ -122,7 +122,7 @@ def chain(
     from dlolib.files import whole_folder
     from dlolib.formats import write_recording
 
-    check_out(out, capture)
+    check_out(out, "sheet.png", capture)
     params = _params()
     settings = ChainSettings() if params is None else ChainSettings(**params.chain.model_dump())
     source = open_capture(capture)
@@ -151,7 +151,7 @@ def simulate(
     from dlolib.identify import FINER, particles_for
     from dlolib.sim.continuum import simulated
 
-    check_out(out, recording, fit, verdict)
+    check_out(out, "recording.json", recording, fit, verdict)
     read = _recording(recording, quasi_static)
     known = rope_values(read.rope, read.name, _known(fit, verdict), parse_values(values or []))
     given = replace(read, rope=known.rope)
@@ -174,7 +174,7 @@ def identify(
     from dlolib.identify import DescentSettings, descend, write_identified
     from dlolib.identify import identify as fit_recordings
 
-    check_out(out, *recordings, verdict)
+    check_out(out, "fit.json", *recordings, verdict)
     settings, params = _identify_settings(), _params()
     given = [_recording(folder) for folder in recordings]
     known = _known(None, verdict)
@@ -207,7 +207,7 @@ def diagnose(
     from dlolib.report import draw_diagnosis
     from dlolib.sim.effects import EFFECTS
 
-    check_out(out, *recordings)
+    check_out(out, "verdict.json", *recordings)
     for name in without or []:
         if name not in EFFECTS:
             problem = f"unknown effect {name!r}"
@@ -235,7 +235,7 @@ def learn(
     from dlolib.learn import learn as learn_layout
     from dlolib.learn import write_learned
 
-    check_out(out, layout, fit, verdict)
+    check_out(out, "result.json", layout, fit, verdict)
     goal, settings = read_layout(layout), _learn_settings()
     known = rope_values(goal.rope, goal.name, _known(fit, verdict), parse_values(values or []))
     learned = learn_layout(replace(goal, rope=known.rope), _rod(known, settings.particles), settings)
@@ -265,7 +265,7 @@ def execute(
         raise ParameterError(
             "the laboratory has no robot", place="--robot", mend="leave it out, or give --host"
         )
-    check_out(out, trajectory, layout, robot)
+    check_out(out, "result.json", trajectory, layout, robot)
     if host is not None:
         from dlolib.execute import execute_on_robot, read_robot
 
@@ -315,10 +315,11 @@ def report(
 
 
 def _params() -> Params | None:
-    """params.yaml of the working directory, whole and checked; None where there is none."""
-    from dlolib.params import PARAMS, load
+    """params.yaml of the working directory, whole and checked; None where there is none, or another
+    project's."""
+    from dlolib.params import PARAMS, load, ours
 
-    return load() if PARAMS.is_file() else None
+    return load() if PARAMS.is_file() and ours() else None
 
 
 def _known(fit: Path | None, verdict: Path | None) -> Fit | None:

@@ -7,20 +7,18 @@ from pathlib import Path
 
 from dlolib.errors import FormatError
 
-# By one of these a folder is known as an earlier result, which a new one may replace.
-RESULTS = ("capture.json", "recording.json", "fit.json", "verdict.json", "result.json")
 
-
-def check_out(out: Path, *inputs: Path | None) -> None:
+def check_out(out: Path, known_by: str, *inputs: Path | None) -> None:
     """Refuse a folder to write before any work is done, where writing it would fail or destroy something.
 
     Args:
         out: the folder; an earlier result in it is replaced whole.
+        known_by: the file by which a folder is known as an earlier result of the same command.
         inputs: what is read.
 
     Raises:
-        FormatError: it is or holds the working folder or an input, is no folder, holds what is no result, or
-            cannot be written.
+        FormatError: it is or holds the working folder or an input, is no folder, holds what is no result
+            of the command, or cannot be written.
     """
     out, elsewhere = Path(out), "write to a folder of its own"
     whole = out.resolve()
@@ -34,8 +32,9 @@ def check_out(out: Path, *inputs: Path | None) -> None:
         raise FormatError("is a link", file=out, mend="give the folder itself")
     if out.exists() and not out.is_dir():
         raise FormatError("is a file", file=out, mend="give a folder")
-    if out.is_dir() and any(out.iterdir()) and not any((out / name).is_file() for name in RESULTS):
-        raise FormatError("holds files that are no result of dlo", file=out, mend=elsewhere)
+    if out.is_dir() and any(out.iterdir()) and not (out / known_by).is_file():
+        problem = f"holds files, and no {known_by} of an earlier run"
+        raise FormatError(problem, file=out, mend=elsewhere)
     above = next(folder for folder in whole.parents if folder.exists())
     if not above.is_dir():
         raise FormatError("is a file", file=above, mend="give a folder")

@@ -237,6 +237,15 @@ def load(path: Path = PARAMS) -> Params:
     return params
 
 
+def ours(path: Path = PARAMS) -> bool:
+    """Whether the file has any block of ours: other projects have a params.yaml, too.
+
+    Raises:
+        ParameterError: it is no YAML, or holds no blocks.
+    """
+    return not Params.model_fields.keys().isdisjoint(_read(path))
+
+
 def load_block(block: type[AnyBlock], path: Path = PARAMS) -> AnyBlock:
     """Read one block, by its class (`Rod` is the block `rod`), without looking at the others.
 

@@ -31,7 +31,7 @@ from dlolib.progress import track
 from dlolib.proof import book
 from dlolib.proof.answer import make_recording
 from dlolib.proof.draw import draw_names
-from dlolib.proof.score import owns_up, score, share, summarise
+from dlolib.proof.score import INTERVALS, owns_up, score, share, summarise
 from dlolib.proof.sizes import NAMES
 from stages import DATA, REPORTS, known, run
 
@@ -112,7 +112,7 @@ def finish(shard: str, command: str) -> None:
     tasks = [((RECORDINGS / shard / name,), VERDICTS / shard / name, command) for name in names]
     together(ThreadPoolExecutor(WORKERS), diagnose, tasks, f"diagnosing {shard}")
     rows = {
-        name: score(verdict_in(VERDICTS / shard / name), _answer(shard, name))
+        name: score(verdict_in(VERDICTS / shard / name), answer_in(shard, name))
         | {"verdict_sha256": verdict_sha256(VERDICTS / shard / name)}
         for name in names
     }
@@ -178,15 +178,19 @@ def diagnose(recordings: Sequence[Path], verdict: Path, command: str) -> None:
 
 def totals() -> dict[str, Any]:
     """All scored shards of the last version of what diagnoses, and of those that give the same verdicts,
-    together; every started one is counted."""
+    together; every started one is counted. Intervals are those of versions whose own are the same."""
     started = book.runs(BOOK)
     scored = [row for row in started if row["state"] == "scored"]
     last = scored[-1]["version"] if scored else None
-    same = book.alike(BOOK, last) if last else set()
-    shards = [row["shard"] for row in scored if row["version"] in same]
-    files = [json.loads((BOOK / f"{shard}.json").read_text()) for shard in shards]
-    rows = [row for one in files for row in one["recordings"].values()]
-    counts = {"started": len(started), "scored": len(scored), "version": last, "shards": shards}
+    same = book.alike(BOOK, last, but_intervals=True) if last else set()
+    whole = book.alike(BOOK, last) if last else set()
+    shards = {row["shard"]: row["version"] in whole for row in scored if row["version"] in same}
+    rows = []
+    for shard, intervals in shards.items():
+        for row in json.loads((BOOK / f"{shard}.json").read_text())["recordings"].values():
+            rows.append({key: value for key, value in row.items() if intervals or key not in INTERVALS})
+    counts = {"started": len(started), "scored": len(scored), "version": last, "shards": list(shards)}
+    counts |= {"shards_of_intervals": [shard for shard, intervals in shards.items() if intervals]}
     return counts | summarise(rows)
 
 
@@ -277,7 +281,8 @@ def _read(path: Path) -> dict[str, Any] | None:
     return json.loads(path.read_text()) if path.exists() else None
 
 
-def _answer(shard: str, name: str) -> dict[str, Any]:
+def answer_in(shard: str, name: str) -> dict[str, Any]:
+    """What is true of a recording."""
     return dict(json.loads((SEALED / shard / f"{name}.json").read_text()))
 
 

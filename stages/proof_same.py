@@ -2,30 +2,37 @@
 
 Changes of what is refused, or of what is said on the way, make a new version of files and leave every verdict
 as it was. A scored shard is diagnosed once more: where all its verdicts are the same byte for byte, the two
-versions are one and their shards count together; where any differs they are two. Both stays in the book.
+versions are one and their shards count together; where only intervals differ, and all is judged the same but
+for these, they count together but for these; else they are two. All of it stays in the book.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
 
 from dlolib.errors import ParameterError
 from dlolib.files import write_json
 from dlolib.proof import book
+from dlolib.proof.score import INTERVALS, score
 from stages import run
 from stages.proof import (
     BOOK,
     COMMAND,
     RECORDINGS,
     WORKERS,
+    answer_in,
     diagnose,
     last_shards,
     made_by,
     own_folder,
     together,
     totals,
+    verdict_in,
     verdict_sha256,
 )
 
@@ -46,11 +53,24 @@ def main(*arguments: str) -> None:
     tasks = [((RECORDINGS / asked.shard / name,), apart / name, asked.command) for name in known]
     together(ThreadPoolExecutor(WORKERS), diagnose, tasks, f"diagnosing {asked.shard} once more")
     differ = [name for name, sha256 in known.items() if verdict_sha256(apart / name) != sha256]
+    otherwise = [name for name in differ if _judged(asked.shard, name, apart) != _but_intervals(scored[name])]
     before = next(row["version"] for row in book.runs(BOOK) if row["shard"] == asked.shard)
-    found = made | {"as": before, "shard": asked.shard, "recordings": len(known), "differ": differ}
+    found = made | {"as": before, "shard": asked.shard, "recordings": len(known)}
+    found |= {"differ": differ, "judged_otherwise": otherwise}
     write_json(BOOK / book.SAME, {"compared": [*book.compared(BOOK), found]})
     write_json(BOOK / "summary.json", totals())
-    print(f"{asked.shard}: {len(differ)} of {len(known)} verdicts differ")
+    but = f"{len(otherwise)} but for their intervals"
+    print(f"{asked.shard}: {len(differ)} of {len(known)} verdicts differ, {but}")
+
+
+def _judged(shard: str, name: str, verdicts: Path) -> dict[str, Any]:
+    """What a verdict is worth, as a shard's row says it."""
+    row = score(verdict_in(verdicts / name), answer_in(shard, name))
+    return _but_intervals(json.loads(json.dumps(row)))
+
+
+def _but_intervals(row: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in row.items() if key not in (*INTERVALS, "verdict_sha256")}
 
 
 if __name__ == "__main__":

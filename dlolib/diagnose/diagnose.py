@@ -15,7 +15,7 @@ from dlolib.diagnose.heldout import black_box, foretell, refuted
 from dlolib.diagnose.locate import Reversal, reversal, scan
 from dlolib.diagnose.noise import known_noise, noise_left
 from dlolib.diagnose.nuisances import before, between
-from dlolib.diagnose.search import Searched, baseline, search, searched_again
+from dlolib.diagnose.search import Searched, baseline, other_forms, search, searched_again
 from dlolib.diagnose.study import Bools, DiagnoseSettings, Seen, Study, acting_only, seen_as
 from dlolib.diagnose.verdict import Found, simulated, verdict_of
 from dlolib.diagnose.whitening import Whitener, grid_of, lasting
@@ -76,11 +76,13 @@ def diagnose(recordings: Sequence[Recording], settings: DiagnoseSettings) -> Dia
         if study.ahead:
             foretold = run(foretell, compared, "held-out frames")
             boxes = run(black_box, [(base, settings.seed)], "black box")
-    ahead = {one.effects: told for one, told in zip(compared, foretold, strict=False) if told is not None}
-    decision = decide(study, searched, settings, refuted(ahead))
+        pairs = zip(compared, foretold, strict=False)
+        ahead = {one.effects: told for one, told in pairs if told is not None}
+        decision = decide(study, searched, settings, refuted(ahead))
+        forms = other_forms(study, searched, decision.winner, settings, run)
     motion = next_motion(study, *decision.tie[:2]) if len(decision.tie) > 1 else None
     found = Found(
-        study, told[0], searched, decision, tuple(scans), tuple(seen), ahead, boxes[0], motion
+        study, told[0], searched, decision, tuple(forms), tuple(scans), tuple(seen), ahead, boxes[0], motion
     )  # fmt: skip
     points = [
         (simulated(study, base, k), simulated(study, decision.winner, k)) for k in range(len(recordings))

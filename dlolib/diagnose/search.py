@@ -89,6 +89,23 @@ def searched_again(study: Study, before: Searched, run: Workers) -> Searched:
     return Searched(elastic or before.baseline, _ordered(study, models))
 
 
+def other_forms(
+    study: Study, searched: Searched, model: Fitted, settings: DiagnoseSettings, run: Workers
+) -> list[Fitted]:
+    """A model with one of its effects in another form, as far as the rest of it was fitted."""
+    fitted, have = {one.effects: one for one in (searched.baseline, *searched.models)}, terms_of(model)
+    tasks = []
+    for name, form in library(study, settings.without):
+        rest = fitted.get(tuple(other for other in model.effects if other != name))
+        if name in have and rest is not None and set(form) != set(have[name]):
+            hints = hints_of(study, rest)
+            tasks += beginnings(study, rest, terms_of(rest), name, form, hints, settings.starts)
+    found = [one for one in run(fit_first, tasks, "other forms") if one is not None]
+    near = [one for one in found if one.bic(study.frames) < model.bic(study.frames) + NEAR]
+    again = run(refit, [task_from(one) for one in near], "other forms, refined")
+    return [one for one in again if one is not None]
+
+
 def _ordered(study: Study, models: Iterable[Fitted]) -> tuple[Fitted, ...]:
     return tuple(sorted(models, key=lambda one: one.bic(study.frames)))
 
@@ -267,4 +284,4 @@ def _near(study: Study, fits: Sequence[Fitted], baseline: Fitted) -> list[Fitted
     return [one for one in fits if one.bic(study.frames) < below]
 
 
-__all__ = ["Searched", "backed", "baseline", "search", "searched_again"]
+__all__ = ["Searched", "backed", "baseline", "other_forms", "search", "searched_again"]

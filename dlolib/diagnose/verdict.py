@@ -9,6 +9,7 @@ import numpy as np
 
 from dlolib.diagnose.ask import Asked
 from dlolib.diagnose.decide import Decision, probabilities, wrong_same_size
+from dlolib.diagnose.estimates import Alternatives, estimates
 from dlolib.diagnose.fitting import Fitted
 from dlolib.diagnose.heldout import Foretold
 from dlolib.diagnose.locate import Scan
@@ -19,11 +20,9 @@ from dlolib.diagnose.search import Searched
 from dlolib.diagnose.study import Study
 from dlolib.identify.identify import rms
 from dlolib.identify.problem import axes
-from dlolib.sim.rod import unit_of
 from dlolib.types import (
     Candidate,
     Detectable,
-    Estimate,
     Floats,
     NextMotion,
     Noise,
@@ -32,7 +31,6 @@ from dlolib.types import (
     Verdict,
 )
 
-Z95 = 1.959964
 NEXT = "next_motion.csv"
 
 
@@ -40,14 +38,16 @@ NEXT = "next_motion.csv"
 class Found:
     """All that a verdict is made of.
 
-    noise: of the first recording, and where it comes from. foretold: what contenders, by their
-    effects, leave of the held-out frames. black_box: what it leaves of the fitted and the held-out ones.
+    noise: of the first recording, and where it comes from. forms: the winner with its effects in their other
+    forms. foretold: what contenders, by their effects, leave of the held-out frames. black_box: what it
+    leaves of the fitted and the held-out ones.
     """
 
     study: Study
     noise: tuple[Noise, str]
     searched: Searched
     decision: Decision
+    forms: tuple[Fitted, ...]
     scans: tuple[Scan, ...]
     detectable: tuple[Detectable, ...]
     foretold: Mapping[tuple[str, ...], Foretold]
@@ -59,7 +59,8 @@ def verdict_of(found: Found) -> Verdict:
     """The verdict."""
     study, decision = found.study, found.decision
     noise, source = found.noise
-    base, best = _quality(found, found.searched.baseline), _quality(found, decision.winner)
+    base = _quality(found, found.searched.baseline)
+    best = _quality(found, decision.winner, _beside(found)) if decision.winner.effects else base
     share = probabilities(study, found.searched)
     told = decision.status in ("explained", "ambiguous") or helps(decision.winner, found.searched.baseline)
     names = decision.winner.effects if told else ()
@@ -107,41 +108,17 @@ def _rmse(study: Study, model: Fitted) -> float:
     return rms(np.concatenate(off))
 
 
-def estimates(study: Study, model: Fitted, recording: int | None) -> dict[str, Estimate]:
-    """Parameters shared by all recordings, or those of one, with 95 % intervals from the curvature of χ²."""
-    scale = _scale(model)
-    found = {}
-    for n, (unknown, theta) in enumerate(zip(model.unknowns, model.theta, strict=True)):
-        if unknown.recording != recording:
-            continue
-        half = Z95 * float(np.sqrt(max(model.covariance[n, n], 0.0) * scale))
-        low, high = study.bounds(unknown)
-        ends = [
-            unknown.outward(end) if low < end < high and np.isfinite(end) else None
-            for end in (theta - half, theta + half)
-        ]
-        name = unknown.name
-        unit = unit_of(name)
-        density = study.seen[0].recording.rope.linear_density_kg_m
-        if unknown.stiffness and density is None:
-            name, unit = f"{name}_over_density", "m^4/s^2"
-        found[name] = Estimate(unknown.outward(float(theta)), ends[0], ends[1], unit)
-    return found
+def _beside(found: Found) -> Alternatives:
+    """What may be right in the winner's place."""
+    base = found.searched.baseline
+    return Alternatives(base, (base, *found.searched.models, *found.forms))
 
 
-def _scale(model: Fitted) -> float:
-    """Variance of the whitened residuals, of the slow ones too: more than 1 where the noise was taken for too
-    small, or where the model is not quite right. Birge's ratio, Physical Review 40, 1932."""
-    count = sum(grid.size for grid in model.residuals)
-    slow = slow_modes(model.residuals, len(model.unknowns))
-    return max(1.0, model.chi2 / max(count - len(model.theta), 1), slow.energy)
-
-
-def _quality(found: Found, model: Fitted) -> Quality:
+def _quality(found: Found, model: Fitted, beside: Alternatives | None = None) -> Quality:
     slow = slow_modes(model.residuals, len(model.unknowns))
     ahead = found.foretold.get(model.effects)
     return Quality(
-        estimates(found.study, model, None), _rmse(found.study, model),
+        estimates(found.study, model, None, beside), _rmse(found.study, model),
         None if ahead is None else ahead.rmse_m, slow.energy, slow.p_value,
     )  # fmt: skip
 
@@ -180,4 +157,4 @@ def _ahead(found: Found, one: Foretold | None) -> tuple[float | None, float | No
     return (*one.against(base), one.rmse_m)
 
 
-__all__ = ["NEXT", "Found", "estimates", "simulated", "verdict_of"]
+__all__ = ["NEXT", "Found", "simulated", "verdict_of"]

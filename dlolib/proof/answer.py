@@ -13,7 +13,7 @@ from dlolib.proof.draw import Case, draw_case
 from dlolib.proof.forms import FORMS, nearest_parameters
 from dlolib.proof.gain import DETECTABLE, Gain, gain
 from dlolib.proof.motions import HELDOUT_FRAMES
-from dlolib.proof.place import most_curvature
+from dlolib.proof.play import most_bent
 from dlolib.proof.world import Experiment
 from dlolib.proof.write import write_case
 from dlolib.types import Floats
@@ -68,10 +68,9 @@ def touched(case: Case) -> Floats | None:
 
 def nearest_laws(case: Case) -> dict[str, dict[str, float]]:
     """What parameters of formats.md's laws come nearest to the laboratory's, where their forms differ."""
-    most = most_curvature(case.points_m, case.experiment.sizes.length_m)
-    return {
-        name: nearest_parameters(name, values, most) for name, values in case.effects.items() if name in FORMS
-    }
+    laws = {name: values for name, values in case.effects.items() if name in FORMS}
+    most = most_bent(case.experiment, case.effects) if laws else 0.0
+    return {name: nearest_parameters(name, values, most) for name, values in laws.items()}
 
 
 def make_recording(

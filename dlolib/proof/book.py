@@ -74,9 +74,11 @@ def seal(answers: Path) -> str:
     return digest.hexdigest()
 
 
-def alike(book: Path, version: str) -> set[str]:
-    """This version and all whose verdicts were found to be the same, byte for byte (`stages.proof_same`)."""
-    pairs = [{row["version"], row["as"]} for row in compared(book) if not row["differ"]]
+def alike(book: Path, version: str, but_intervals: bool = False) -> set[str]:
+    """This version and all whose verdicts were found to be the same, byte for byte (`stages.proof_same`); or
+    to be judged the same, their intervals left out."""
+    key = "judged_otherwise" if but_intervals else "differ"
+    pairs = [{row["version"], row["as"]} for row in compared(book) if not row[key]]
     found = {version}
     while more := {one for pair in pairs if pair & found for one in pair} - found:
         found |= more

@@ -66,8 +66,18 @@ def _played(experiment: Experiment, effects: Effects, bodies: int, finer: int) -
     """What one chain shows (F, 30, 3) [m]."""
     t_s = seen_times(experiment, effects)
     times = np.unique(np.concatenate([_rows(experiment, effects, finer), t_s]))
-    vertices = _run(experiment, effects, bodies, times)
+    vertices, _ = _run(experiment, effects, bodies, times)
     return vertices[np.searchsorted(times, t_s), :: bodies // (POINTS - 1)]
+
+
+def most_bent(experiment: Experiment, effects: Effects) -> float:
+    """The largest curvature that any joint of the rope takes on the way, the clamps' too [1/m].
+
+    Raises:
+        SimulationError: the rope finds no balance.
+    """
+    times = np.unique(np.concatenate([_rows(experiment, effects, 1), seen_times(experiment, effects)]))
+    return _run(experiment, effects, BODIES, times)[1]
 
 
 def seen_times(experiment: Experiment, effects: Effects) -> Floats:
@@ -87,14 +97,15 @@ def _rows(experiment: Experiment, effects: Effects, finer: int) -> Floats:
     return np.asarray(np.interp(np.arange(0, len(rows), stride / finer), whole, rows))
 
 
-def _run(experiment: Experiment, effects: Effects, bodies: int, times: Floats) -> Floats:
-    """Vertices (T, N + 1, 3) [m] at these times, the motion's first row the first of them."""
+def _run(experiment: Experiment, effects: Effects, bodies: int, times: Floats) -> tuple[Floats, float]:
+    """Vertices (T, N + 1, 3) [m] at these times, the motion's first row the first of them; and the largest
+    curvature [1/m]."""
     motion = interpolate_motion(experiment.motion, times)
     turns = turned_end(motion.end_q, effects, "end").as_matrix()
     rope = build(experiment, effects, bodies)
     rope.patience += PATIENCE * len(times)
     dynamics = _Dynamics(experiment, effects, bodies) if "inertia_drag" in effects else None
-    found = np.empty((len(times), bodies + 1, 3))
+    found, most = np.empty((len(times), bodies + 1, 3)), 0.0
     for index, t_s in enumerate(times):
         step_s = float(t_s - times[index - 1]) if index else 0.0
         if "grasp_slip" in effects:
@@ -103,9 +114,10 @@ def _run(experiment: Experiment, effects: Effects, bodies: int, times: Floats) -
         _reach(rope, motion.end_m[index], turns[index], step_s, drift, first=index == 0)
         rope.keep(step_s)
         found[index] = rope.chain.vertices
+        most = max(most, float(np.linalg.norm(rope.curvature(rope.q)[:, :2], axis=1).max()))
         if dynamics:
             dynamics.keep(found[index], step_s)
-    return found
+    return found, most
 
 
 def _reach(

@@ -15,6 +15,8 @@ Answer = Mapping[str, Any]
 Verdict = Mapping[str, Any]
 
 MOST_IN_TIE, PLACE_M = 3, 0.015
+# What a row says of intervals; versions may differ in these alone.
+INTERVALS = ("covered", "covered_forms")
 PLACED = ("stiffness_profile", "mass_profile")
 # Parameters that mean the same in the laboratory's laws as in formats.md.
 FORM_FREE = frozenset(

@@ -290,6 +290,13 @@ def test_an_unknown_key_in_params_yaml(
     assert f"params.yaml: line {number}, rod.particels: unknown key; did you mean `particles`?" in line
 
 
+def test_another_projects_params_yaml_sets_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "params.yaml").write_text("train:\n  rate: 0.1\n", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    recording = samples.recording_folder(tmp_path / "good")
+    assert run(["simulate", str(recording), *EI, "--out", "out"]) == 0
+
+
 def test_a_report_of_nothing(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     assert "nowhere" in refusal(capfd, tmp_path, "report", tmp_path / "nowhere")
 

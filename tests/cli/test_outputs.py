@@ -50,6 +50,20 @@ def test_an_earlier_result_is_replaced(tmp_path: Path) -> None:
     assert not (out / "left.txt").exists()
 
 
+@pytest.mark.parametrize("kind", ["recording", "capture"])
+def test_only_a_result_of_the_same_command_is_replaced(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], kind: str
+) -> None:
+    rec = samples.recording_folder(tmp_path / "rec")
+    other = tmp_path / "other"
+    shutil.copytree(rec, other)
+    (other / "recording.json").rename(other / f"{kind}.json")
+    before = _files(other)
+    assert run(["identify", str(rec), "--out", str(other)]) == 2
+    assert _files(other) == before
+    assert "no fit.json" in capfd.readouterr().err
+
+
 def test_what_cannot_be_replaced_is_not_lost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "mine.txt").write_text("mine")
     monkeypatch.chdir(tmp_path)

@@ -112,3 +112,18 @@ def test_our_law_nearest_to_the_laboratorys_is_not_far(name: str) -> None:
     for key, value in PLANTED[name].items():
         assert found[key] == pytest.approx(value, rel=1.0 if key == "transition_curvature" else 0.15)
         assert found[key] != value
+
+
+@pytest.mark.parametrize("reach", [0.9, 1.0, 1.2])
+def test_where_the_laboratory_hardly_yields_our_law_nearest_to_it_yields_as_little(reach: float) -> None:
+    """On a loop that ends before κy the law as planted does not yield, and the laboratory's does."""
+    values = PLANTED["plastic_bending"]
+    most = reach * values["yield_curvature"]
+    law, ours = FORMS["plastic_bending"]
+    path = most * np.concatenate([np.linspace(0, 1, 60), np.linspace(1, -0.5, 60), np.linspace(-0.5, 1, 60)])
+    moments = drive(law(values), path)
+    off = [
+        np.linalg.norm(ours(path, *parameters.values()) - moments)
+        for parameters in (nearest_parameters("plastic_bending", values, most), values)
+    ]
+    assert off[0] < 0.8 * off[1]

@@ -32,20 +32,53 @@ def test_a_version_with_the_same_verdicts_counts_with_the_one_before(
         book.alike(proof.BOOK, "later") == {"later", row["version"]} == book.alike(proof.BOOK, row["version"])
     )
     (found,) = book.compared(proof.BOOK)
-    assert (found["recordings"], found["differ"]) == (2, [])
-    assert proof.totals()["shards"] == [row["shard"]]
+    assert (found["recordings"], found["differ"], found["judged_otherwise"]) == (2, [], [])
+    assert proof.totals()["shards"] == [row["shard"]] == proof.totals()["shards_of_intervals"]
 
 
 def test_one_verdict_that_differs_makes_two_versions(command: str, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
     row = scored_shard(command)
-    path = proof.BOOK / f"{row['shard']}.json"
-    written = json.loads(path.read_text())
-    written["recordings"]["001"]["verdict_sha256"] = "0" * 64
-    path.write_text(json.dumps(written))
+    changed(row, "001", verdict_sha256="0" * 64)
     monkeypatch.setattr(book, "version", lambda: "later")
     proof_same.main(row["shard"], "--command", command)
     assert book.compared(proof.BOOK)[0]["differ"] == ["001"]
     assert book.alike(proof.BOOK, "later") == {"later"}
+
+
+def changed(row: dict[str, str], name: str, **values: object) -> None:
+    """Write other values into the scored row of a recording."""
+    path = proof.BOOK / f"{row['shard']}.json"
+    written = json.loads(path.read_text())
+    written["recordings"][name] |= values
+    path.write_text(json.dumps(written))
+
+
+def test_versions_that_differ_in_intervals_count_together_but_for_these(
+    command: str,  # noqa: F811
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    row = scored_shard(command)
+    changed(row, "001", verdict_sha256="0" * 64, covered={"bending_stiffness": False})
+    monkeypatch.setattr(book, "version", lambda: "later")
+    proof_same.main(row["shard"], "--command", command)
+    (found,) = book.compared(proof.BOOK)
+    assert (found["differ"], found["judged_otherwise"]) == (["001"], [])
+    assert book.alike(proof.BOOK, "later") == {"later"}
+    assert book.alike(proof.BOOK, "later", but_intervals=True) == {"later", row["version"]}
+    # a shard of the later version brings its own intervals, and no other's count beside them
+    proof.main("--size", "1", "--command", command)
+    totals = proof.totals()
+    assert totals["recordings"] == 3 and len(totals["shards_of_intervals"]) == 1
+    assert totals["coverage"]["all"]["of"] == 0
+
+
+def test_what_is_judged_otherwise_makes_two_versions(command: str, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
+    row = scored_shard(command)
+    changed(row, "001", verdict_sha256="0" * 64, outcome="wrong")
+    monkeypatch.setattr(book, "version", lambda: "later")
+    proof_same.main(row["shard"], "--command", command)
+    assert book.compared(proof.BOOK)[0]["judged_otherwise"] == ["001"]
+    assert book.alike(proof.BOOK, "later", but_intervals=True) == {"later"}
 
 
 def test_sameness_goes_on_from_version_to_version(tmp_path: Path) -> None:
