@@ -48,9 +48,9 @@ cables: .venv/installed ## identify the four real cables in DATA=DIR and write r
 	@python -m stages.cables "$(DATA)"
 
 .PHONY: sweeps
-sweeps: .venv/installed ## diagnose two sweeps and settled poses of one real cable in DATA=DIR together: reports/sweeps.json
+sweeps: .venv/installed ## diagnose two sweeps and settled poses of one real cable in DATA=DIR together, or CASE=...: reports/sweeps.json
 	@[ -n "$(DATA)" ] || { echo "make sweeps: DATA is not set; say where the recordings lie: make sweeps DATA=DIR" >&2; exit 2; }
-	@python -m stages.sweeps "$(DATA)"
+	@python -m stages.sweeps "$(DATA)" $(CASE)
 
 .PHONY: elastic
 elastic: .venv/installed ## the laboratory with an elastic rope: is the EI that comes out the one that went in?

@@ -1,14 +1,15 @@
-"""Recordings of one cable diagnosed together (`make sweeps DATA=DIR`): reports/sweeps.json.
+"""Recordings of one cable diagnosed together (`make sweeps DATA=DIR [CASE=...]`): reports/sweeps.json.
 
 DIR holds two sweeps of a weighted cable and its settled poses, whose data have no licence: no pipeline
-carries them. Diagnosed are the sweeps whole; the first and half of the second, of which the other half is
-foretold; and all four. A tip is the point of largest s_m in a frame.
+carries them. Diagnosed are the sweeps `whole`; the first and half of the second, of which the other half is
+`foretold`; and all four, `settled` poses too. A tip is the point of largest s_m in a frame.
 """
 
 from __future__ import annotations
 
+import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,31 +21,36 @@ from dlolib.files import write_json
 from dlolib.formats import read_recording
 from dlolib.identify.problem import axes
 from dlolib.types import Estimate, Floats, Points, Recording
-from stages import REPORTS, run
+from stages import REPORTS, known, run
 from stages.diagnose import settings
 from stages.proof import made_by
 
 SWEEPS = ("pac_black_weighted_sweep_cw", "pac_black_weighted_sweep_acw")
 SETTLED = ("pac_black_weighted_settled", "pac_black_weighted_settled_0714")
+BOOK = REPORTS / "sweeps.json"
+# Which recordings are diagnosed together, of the sweeps and the settled poses.
+CASES: dict[str, Callable[[list[Recording], list[Recording]], list[Recording]]] = {
+    "whole": lambda sweeps, _: sweeps,
+    "foretold": lambda sweeps, _: [sweeps[0], halved(sweeps[1])],
+    "settled": lambda sweeps, settled: [*sweeps, *settled],
+}
 
 
-def main(data: str) -> None:
-    sweeps, settled = ([_whole(Path(data) / name) for name in names] for names in (SWEEPS, SETTLED))
-    cases = {
-        "sweeps, whole": sweeps,
-        "sweeps, the second half of the second foretold": [sweeps[0], halved(sweeps[1])],
-        "sweeps and settled poses, whole": [*sweeps, *settled],
-    }
-    found = {}
-    for title, recordings in cases.items():
-        found[title] = row = _row(diagnose(recordings, replace(settings(), heldout_share=0.0)))
-        print(f"{title}: {row['status']}, {' + '.join(row['named']) or 'nothing named'}")
-        for name, tip in row["tip_rmse_m"].items():
-            print(f"  {name}: tip {1e3 * tip['elastic']:.1f} -> {1e3 * tip['model']:.1f} mm")
+def main(data: str, *names: str) -> None:
+    """Diagnose all cases, or those named; what is known of the others stays."""
+    known(names, list(CASES), "case")
+    found = json.loads(BOOK.read_text())["cases"] if BOOK.exists() else {}
+    for name in names or CASES:
+        recordings = CASES[name](*([_whole(Path(data) / one) for one in some] for some in (SWEEPS, SETTLED)))
+        row = _row(diagnose(recordings, replace(settings(), heldout_share=0.0)))
+        print(f"{name}: {row['status']}, {' + '.join(row['named']) or 'nothing named'}")
+        for one, tip in row["tip_rmse_m"].items():
+            print(f"  {one}: tip {1e3 * tip['elastic']:.1f} -> {1e3 * tip['model']:.1f} mm")
         if row["foretold_tip_rmse_m"] is not None:
             print(f"  foretold: tip {1e3 * row['foretold_tip_rmse_m']:.1f} mm")
         # after each, so that nothing is lost where the next is stopped
-        write_json(REPORTS / "sweeps.json", made_by("make sweeps DATA=DIR") | {"cases": found})
+        found[name] = made_by(f"make sweeps DATA=DIR CASE={name}") | row
+        write_json(BOOK, {"cases": found})
 
 
 def _whole(folder: Path) -> Recording:

@@ -1,10 +1,14 @@
 """What `make sweeps` counts."""
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 from diagnose.test_diagnose import made
 
 from dlolib.types import Points
+from stages import sweeps
 from stages.sweeps import halved, tip_rmse
 
 
@@ -21,3 +25,18 @@ def test_the_second_half_is_held_out() -> None:
     frames = np.unique(recording.points.frame)
     assert last == frames[-1]
     assert abs(np.sum(frames < first) - np.sum(frames >= first)) <= 1
+
+
+def test_a_case_by_name_leaves_what_is_known_of_the_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = {"status": "explained", "named": [], "tip_rmse_m": {}, "foretold_tip_rmse_m": None}
+    monkeypatch.setattr(sweeps, "BOOK", tmp_path / "sweeps.json")
+    monkeypatch.setattr(sweeps, "_whole", lambda folder: folder.name)
+    monkeypatch.setattr(sweeps, "diagnose", lambda recordings, settings: recordings)
+    monkeypatch.setattr(sweeps, "_row", lambda recordings: found | {"recordings": recordings})
+    sweeps.main("data", "settled")
+    sweeps.main("data", "whole")
+    cases = json.loads((tmp_path / "sweeps.json").read_text())["cases"]
+    assert {name: len(row["recordings"]) for name, row in cases.items()} == {"settled": 4, "whole": 2}
+    assert cases["settled"]["command"] == "make sweeps DATA=DIR CASE=settled"
