@@ -228,6 +228,17 @@ def test_the_proof_shows_every_share_and_every_confusion(content: dict) -> None:
     ]
 
 
+def test_what_was_diagnosed_together_stands_with_what_it_foretells(content: dict) -> None:
+    (section,) = [section for section in content["sections"] if section["name"] == "cables"]
+    tables = [block for block in section["blocks"] if block["kind"] == "table"]
+    (swept,) = [table for table in tables if "make sweeps" in table["caption"]]
+    assert [row[2:] for row in swept["rows"]] == [
+        ["Pac sweep", "47.0", "5.3", "≤ 10"],
+        ["its other half, foretold", "–", "11.0", "≤ 12"],
+    ]
+    assert any("elastic rod leaves out: friction." in block.get("text", "") for block in section["blocks"])
+
+
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Figures are composed but not drawn, which takes most of the time."""
@@ -285,6 +296,7 @@ def test_the_chain_s_misses_are_named(content: dict) -> None:
         ("reports/proof", "blind proof was not run"),
         ("reports/practice.json", "practice recordings were not diagnosed"),
         ("reports/cables.json", "cables were not run"),
+        ("reports/sweeps.json", "sweeps were not diagnosed"),
         ("reports/elastic.json", "elastic laboratory was not run"),
         ("reports/solvers.json", "two solvers were not compared"),
         ("data/truth", "no truth to compare"),

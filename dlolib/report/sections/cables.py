@@ -1,4 +1,4 @@
-"""Real cables (cables.json) and the elastic laboratory (elastic.json), run beside the pipeline."""
+"""Real cables (cables.json, sweeps.json) and the elastic laboratory (elastic.json), beside the pipeline."""
 
 from __future__ import annotations
 
@@ -11,19 +11,32 @@ import numpy as np
 from dlolib.report.model import Block, Column, Figure, Missing, Paragraph, Section, Table
 from dlolib.report.results import Results
 from dlolib.report.style import PLASTIC, ROD, canvas, save
-from dlolib.report.text import fixed, millimetres, scientific, span, title
+from dlolib.report.text import ABSENT, fixed, millimetres, scientific, span, title
 
 TITLE = "Real cables, and the laboratory without plasticity"
+# What is diagnosed together, and how far the tip may be off in the root mean square [mm].
+SWEPT = {
+    "whole": ("both sweeps", 10.0),
+    "foretold": ("the first and half of the second", 10.0),
+    "settled": ("both sweeps and two sets of settled poses", 14.0),
+}
+FORETOLD_MM = 12.0
 
 
 def section(results: Results, figures: Path) -> Section:
-    """Apparent stiffness by recording beside the common one; the elastic laboratory against its truth."""
+    """Apparent stiffness by recording beside the common one; what is missing in its sweeps; the elastic
+    laboratory against its truth."""
     blocks: list[Block] = []
     cables, elastic = results.json("cables.json"), results.json("elastic.json")
+    sweeps = results.json("sweeps.json")
     if not cables:
         blocks.append(Missing("The real cables were not run: `make cables DATA=DIR` writes their figures."))
     else:
         blocks += _cables(cables, figures)
+    if not sweeps:
+        blocks.append(Missing("The real cable's sweeps were not diagnosed: `make sweeps DATA=DIR` does it."))
+    else:
+        blocks += _sweeps(sweeps["cases"])
     if not elastic:
         blocks.append(Missing("The elastic laboratory was not run, so that its figures are missing here."))
     else:
@@ -85,6 +98,34 @@ def _cable_table(everything: list[Mapping[str, Any]]) -> Table:
         Column("On poses left out, RMS", "mm"),
     )
     return Table("The recordings of the cable.", columns, tuple(rows))
+
+
+def _sweeps(cases: Mapping[str, Any]) -> list[Block]:
+    """Recordings diagnosed together, with one material: the tip's distance before and after."""
+    rows, said = [], ""
+    for case, (label, goal_mm) in SWEPT.items():
+        if case not in cases:
+            continue
+        found = cases[case]
+        named = " + ".join(found["named"]) or "nothing"
+        said = f"Of {label} the verdict says: {found['summary']}"
+        for name, tip in found["tip_rmse_m"].items():
+            both = (millimetres(tip[key], 1) for key in ("elastic", "model"))
+            rows.append((label, named, title(name), *both, f"≤ {goal_mm:g}"))
+        foretold = found["foretold_tip_rmse_m"]
+        if foretold is not None:
+            half = "its other half, foretold"
+            rows.append((label, named, half, ABSENT, millimetres(foretold, 1), f"≤ {FORETOLD_MM:g}"))
+    columns = (
+        Column("Diagnosed together", align="wide"), Column("Named", align="wide"),
+        Column("Recording", align="left"), Column("Elastic", "mm"), Column("With what is named", "mm"),
+        Column("Goal", "mm"),
+    )  # fmt: skip
+    caption = (
+        "A weighted cable that a robot sweeps, diagnosed with one material (`make sweeps DATA=DIR`): root "
+        "mean square distance at the tip."
+    )
+    return [Table(caption, columns, tuple(rows)), Paragraph(said)]
 
 
 def _elastic(elastic: Mapping[str, Any]) -> list[Block]:
