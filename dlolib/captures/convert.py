@@ -16,7 +16,7 @@ from dlolib.captures.clock import falls
 from dlolib.captures.cloud_folder import read_cloud
 from dlolib.captures.foreign import Foreign, Shot
 from dlolib.captures.pictures import check_backgrounds, check_color, check_depth
-from dlolib.captures.plausible import check_inside, check_times
+from dlolib.captures.plausible import check_inside, check_optics, check_times
 from dlolib.errors import FormatError
 from dlolib.files import whole_folder
 from dlolib.formats import (
@@ -84,6 +84,7 @@ def _check_written(folder: Path, path: Path) -> list[str]:
     try:
         index = read_capture_index(folder)
         check_times(index)
+        check_optics(index)
         return [] if index.motion is None else motion_doubts(index.motion, index.t_s, path / "motion.csv")
     except FormatError as error:
         name = error.file.name if error.file else ""

@@ -14,7 +14,7 @@ from dlolib.captures.foreign import Asked, Foreign
 from dlolib.captures.image_folder import ImageFolder
 from dlolib.captures.kinect import AzureKinect
 from dlolib.captures.pictures import check_backgrounds
-from dlolib.captures.plausible import Doubted, check_inside, check_times, doubts
+from dlolib.captures.plausible import Doubted, check_inside, check_optics, check_times, doubts
 from dlolib.captures.realsense import RealSense
 from dlolib.captures.redwood import RedwoodFolder
 from dlolib.captures.ros import RosBag
@@ -146,9 +146,10 @@ def _copied(
 
 
 def _check(index: CaptureIndex) -> None:
-    """What the form alone does not tell: links that lead outside, clocks that cannot be."""
+    """What the form alone does not tell: links that lead outside, clocks and optics that cannot be."""
     check_inside([*_named(index), index.folder / "motion.csv"], index.folder)
     check_times(index)
+    check_optics(index)
 
 
 def _source(index: CaptureIndex) -> Source:

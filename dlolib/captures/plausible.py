@@ -15,6 +15,9 @@ from dlolib.types import CaptureIndex, Floats
 
 # No clock counts so far: 3000 years of seconds.
 LATEST_S = 1e11
+# A focal length over the image's size is that of a fisheye of 157 degrees at least, of a telescope of half a
+# degree at most; a cut image's centre may lie so many sizes outside of it.
+FOCAL_SIZES, CENTRE_SIZES = (0.1, 100.0), 2.0
 # Where DVC keeps files and may link to: <cache>/files/md5/ab/cdef...
 DVC_CACHE = ("files", "md5")
 
@@ -55,6 +58,31 @@ def check_times(index: CaptureIndex) -> None:
         )
         file = index.folder / "motion.csv"
         raise FormatError(problem, file=file, place="column t_s", mend="bring both to one clock")
+
+
+def check_optics(index: CaptureIndex) -> None:
+    """Refuse a focal length or a centre that no camera with so many pixels has: most often it is in
+    millimetres, or a share of the image.
+
+    Raises:
+        FormatError: names the key of capture.json.
+    """
+    camera = index.camera
+    sizes = (("fx", camera.fx, camera.width), ("fy", camera.fy, camera.height))
+    for name, focal, size in sizes:
+        if focal and size and not FOCAL_SIZES[0] <= focal / size <= FOCAL_SIZES[1]:
+            angle = np.degrees(2 * np.arctan(0.5 * size / focal))
+            raise _no_optics(
+                index, name, f"{focal:g} for {size} pixels would be a view of {angle:.3g} degrees"
+            )
+    for name, centre, size in (("cx", camera.cx, camera.width), ("cy", camera.cy, camera.height)):
+        if centre is not None and size and abs(centre - 0.5 * size) > CENTRE_SIZES * size:
+            raise _no_optics(index, name, f"{centre:g} is far outside of {size} pixels")
+
+
+def _no_optics(index: CaptureIndex, name: str, problem: str) -> FormatError:
+    file, mend = index.folder / "capture.json", "give it in pixels, as the camera's calibration has it"
+    return FormatError(problem, file=file, place=f"camera.{name}", mend=mend)
 
 
 def doubts(index: CaptureIndex) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -101,3 +102,26 @@ def test_images_of_the_empty_scene_that_do_not_fit(tmp_path: Path, refused: Refu
     refused(source, "scene/empty.png: is a link that leads out of the folder")
     foreign.given(refused.about, background_color="../empty.png")
     refused(source, "object.json: background_color: '../empty.png' is no path within its folder")
+
+
+@pytest.mark.parametrize(
+    ("optics", "says"),
+    [
+        ({"fx": 0.9}, "camera.fx: 0.9 for 32 pixels would be a view of 174 degrees; give it in pixels"),
+        ({"fy": 1e6}, "camera.fy: 1e+06 for 24 pixels"),
+        ({"cx": 1e4}, "camera.cx: 10000 is far outside of 32 pixels"),
+    ],
+)
+def test_optics_that_no_camera_has(
+    tmp_path: Path, refused: Refusals, optics: dict[str, float], says: str
+) -> None:
+    shot = foreign.frames()
+    foreign.given(refused.about, **FREE, camera=foreign.camera_of(**optics))
+    refused(foreign.redwood(tmp_path / "source", shot), says)
+    own = foreign.own(tmp_path / "own", shot)
+    index = json.loads((own / "capture.json").read_text())
+    index["camera"] |= optics
+    (own / "capture.json").write_text(json.dumps(index))
+    for command in ("ingest", "chain"):
+        assert run([command, str(own), "--out", str(tmp_path / "out")]) == 2
+        assert says in refused.capfd.readouterr().err
