@@ -215,6 +215,7 @@ def test_the_proof_shows_every_share_and_every_confusion(content: dict) -> None:
     (section,) = [section for section in content["sections"] if section["name"] == "proof"]
     words, shares, figure, confusion, refinement, practice = section["blocks"]
     assert "5 recordings" in words["text"] and "1 of 2 shards" in words["text"]
+    assert "Intervals are counted in 0 of these shards" in words["text"]
     counts = {row[0]: row[1:3] for row in shares["rows"]}
     assert counts["right, or among the best three of a tie"] == ["2 of 3 recordings", "66.7"]
     assert counts["nothing missing, and yet an alarm"] == ["1 of 2 recordings", "50.0"]

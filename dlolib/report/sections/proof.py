@@ -76,6 +76,12 @@ def _words(proof: Mapping[str, Any]) -> Paragraph:
         f"`reports/proof`. {proof['detectable']} of them hold an effect that a noise-free fit could see (a "
         "gain of 40 in χ²)."
     )
+    whole = len(proof["shards_of_intervals"])
+    if whole < len(proof["shards"]):
+        text += (
+            f" Intervals are counted in {whole} of these shards: the others were diagnosed by a version that "
+            "judges the same and gives other intervals."
+        )
     everywhere = proof["everywhere"]["right_or_tied"]
     text += (
         " The frames that a recording declares held out do not count there, for no diagnosis may fit them; "
