@@ -10,10 +10,10 @@ import numpy as np
 
 from dlolib.errors import SimulationError
 from dlolib.proof.draw import Case, draw_case
-from dlolib.proof.forms import FORMS, nearest_parameters
+from dlolib.proof.forms import FORMS, OVER_REST, nearest_parameters
 from dlolib.proof.gain import DETECTABLE, Gain, gain
 from dlolib.proof.motions import HELDOUT_FRAMES
-from dlolib.proof.play import most_bent
+from dlolib.proof.play import way
 from dlolib.proof.world import Experiment
 from dlolib.proof.write import write_case
 from dlolib.types import Floats
@@ -69,8 +69,15 @@ def touched(case: Case) -> Floats | None:
 def nearest_laws(case: Case) -> dict[str, dict[str, float]]:
     """What parameters of formats.md's laws come nearest to the laboratory's, where their forms differ."""
     laws = {name: values for name, values in case.effects.items() if name in FORMS}
-    most = most_bent(case.experiment, case.effects) if laws else 0.0
-    return {name: nearest_parameters(name, values, most) for name, values in laws.items()}
+    if not laws:
+        return {}
+    went = way(case.experiment, case.effects)
+    memory = case.effects.get("rest_curvature", {})
+    rest = np.array([memory.get("kappa_1", 0.0), memory.get("kappa_2", 0.0)])
+    return {
+        name: nearest_parameters(name, values, went.less(rest) if name in OVER_REST else went)
+        for name, values in laws.items()
+    }
 
 
 def make_recording(

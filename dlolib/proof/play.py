@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from dlolib.errors import SimulationError
 from dlolib.formats.motion import interpolate_motion
 from dlolib.proof.equilibrium import Drift, Equilibrium
+from dlolib.proof.forms import Way
 from dlolib.proof.world import (
     BODIES,
     NOTHING,
@@ -70,14 +71,17 @@ def _played(experiment: Experiment, effects: Effects, bodies: int, finer: int) -
     return vertices[np.searchsorted(times, t_s), :: bodies // (POINTS - 1)]
 
 
-def most_bent(experiment: Experiment, effects: Effects) -> float:
-    """The largest curvature that any joint of the rope takes on the way, the clamps' too [1/m].
+def way(experiment: Experiment, effects: Effects) -> Way:
+    """What the joints of the chain go through.
 
     Raises:
         SimulationError: the rope finds no balance.
     """
     times = np.unique(np.concatenate([_rows(experiment, effects, 1), seen_times(experiment, effects)]))
-    return _run(experiment, effects, BODIES, times)[1]
+    _, curvature = _run(experiment, effects, BODIES, times)
+    length_m = np.full(BODIES + 1, experiment.sizes.length_m / BODIES)
+    length_m[[0, -1]] /= 2
+    return Way(curvature, np.diff(times, prepend=times[0]), length_m)
 
 
 def seen_times(experiment: Experiment, effects: Effects) -> Floats:
@@ -97,15 +101,15 @@ def _rows(experiment: Experiment, effects: Effects, finer: int) -> Floats:
     return np.asarray(np.interp(np.arange(0, len(rows), stride / finer), whole, rows))
 
 
-def _run(experiment: Experiment, effects: Effects, bodies: int, times: Floats) -> tuple[Floats, float]:
-    """Vertices (T, N + 1, 3) [m] at these times, the motion's first row the first of them; and the largest
-    curvature [1/m]."""
+def _run(experiment: Experiment, effects: Effects, bodies: int, times: Floats) -> tuple[Floats, Floats]:
+    """Vertices (T, N + 1, 3) [m] at these times, the motion's first row the first of them; and the joints'
+    curvatures (T, N + 1, 2) [1/m]."""
     motion = interpolate_motion(experiment.motion, times)
     turns = turned_end(motion.end_q, effects, "end").as_matrix()
     rope = build(experiment, effects, bodies)
     rope.patience += PATIENCE * len(times)
     dynamics = _Dynamics(experiment, effects, bodies) if "inertia_drag" in effects else None
-    found, most = np.empty((len(times), bodies + 1, 3)), 0.0
+    found, bent = np.empty((len(times), bodies + 1, 3)), np.empty((len(times), bodies + 1, 2))
     for index, t_s in enumerate(times):
         step_s = float(t_s - times[index - 1]) if index else 0.0
         if "grasp_slip" in effects:
@@ -114,10 +118,10 @@ def _run(experiment: Experiment, effects: Effects, bodies: int, times: Floats) -
         _reach(rope, motion.end_m[index], turns[index], step_s, drift, first=index == 0)
         rope.keep(step_s)
         found[index] = rope.chain.vertices
-        most = max(most, float(np.linalg.norm(rope.curvature(rope.q)[:, :2], axis=1).max()))
+        bent[index] = rope.curvature(rope.q)[:, :2]
         if dynamics:
             dynamics.keep(found[index], step_s)
-    return found, most
+    return found, bent
 
 
 def _reach(

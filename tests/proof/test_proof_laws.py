@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dlolib.proof.forms import FORMS, nearest_parameters
+from dlolib.proof.forms import FORMS, Way, driven, nearest_parameters
 from dlolib.proof.laws import RELEASES, TIMES, Elastic, Law, creeping, rubbing, yielding
 from dlolib.types import Floats
 
@@ -105,10 +105,19 @@ PLANTED = {
 }
 
 
+def loop(most: float) -> Way:
+    """Out, back to the other side by half, out again; one joint, in 20 s."""
+    turns = np.array([0.0, most, -0.5 * most, most])
+    path = np.interp(np.linspace(0, 3, 361), np.arange(4), turns)
+    steps = np.full(361, 20.0 / 361)
+    steps[0] = 0.0
+    return Way(np.stack([path, np.zeros(361)], axis=-1)[:, None], steps, np.ones(1))
+
+
 @pytest.mark.parametrize("name", FORMS)
 def test_our_law_nearest_to_the_laboratorys_is_not_far(name: str) -> None:
     """Friction's transition is the exception: a Prandtl stack turns round over twice its first loading's."""
-    found = nearest_parameters(name, PLANTED[name], 22.0)
+    found = nearest_parameters(name, PLANTED[name], loop(22.0))
     for key, value in PLANTED[name].items():
         assert found[key] == pytest.approx(value, rel=1.0 if key == "transition_curvature" else 0.15)
         assert found[key] != value
@@ -116,14 +125,25 @@ def test_our_law_nearest_to_the_laboratorys_is_not_far(name: str) -> None:
 
 @pytest.mark.parametrize("reach", [0.9, 1.0, 1.2])
 def test_where_the_laboratory_hardly_yields_our_law_nearest_to_it_yields_as_little(reach: float) -> None:
-    """On a loop that ends before κy the law as planted does not yield, and the laboratory's does."""
+    """On a way that ends before κy the law as planted does not yield, and the laboratory's does."""
     values = PLANTED["plastic_bending"]
-    most = reach * values["yield_curvature"]
+    way = loop(reach * values["yield_curvature"])
     law, ours = FORMS["plastic_bending"]
-    path = most * np.concatenate([np.linspace(0, 1, 60), np.linspace(1, -0.5, 60), np.linspace(-0.5, 1, 60)])
-    moments = drive(law(values), path)
+    moments = driven(law(values, 1), way)
     off = [
-        np.linalg.norm(ours(path, *parameters.values()) - moments)
-        for parameters in (nearest_parameters("plastic_bending", values, most), values)
+        np.linalg.norm(ours(way, *parameters.values()) - moments)
+        for parameters in (nearest_parameters("plastic_bending", values, way), values)
     ]
     assert off[0] < 0.8 * off[1]
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_the_nearest_law_is_that_of_the_joints_that_bend_most_and_longest(name: str) -> None:
+    """A joint of no length has no say; two joints that go the same way have that of one."""
+    way = loop(22.0)
+    other = loop(5.0).curvature
+    both = Way(np.concatenate([way.curvature, other], axis=1), way.step_s, np.array([1.0, 0.0]))
+    twice = Way(np.concatenate([way.curvature] * 2, axis=1), way.step_s, np.array([0.3, 0.7]))
+    alone = nearest_parameters(name, PLANTED[name], way)
+    for more in (both, twice):
+        assert nearest_parameters(name, PLANTED[name], more) == pytest.approx(alone, rel=1e-4)
