@@ -233,6 +233,7 @@ def test_what_was_diagnosed_together_stands_with_what_it_foretells(content: dict
     (section,) = [section for section in content["sections"] if section["name"] == "cables"]
     tables = [block for block in section["blocks"] if block["kind"] == "table"]
     (swept,) = [table for table in tables if "make sweeps" in table["caption"]]
+    assert {row[0] for row in swept["rows"]} == {"the first and half of the second (at ccccccc)"}
     assert [row[2:] for row in swept["rows"]] == [
         ["Pac sweep", "47.0", "5.3", "≤ 10"],
         ["its other half, foretold", "–", "11.0", "≤ 12"],

@@ -107,6 +107,7 @@ def _sweeps(cases: Mapping[str, Any]) -> list[Block]:
         if case not in cases:
             continue
         found = cases[case]
+        label = f"{label} (at {found['commit'][:7]})"
         named = " + ".join(found["named"]) or "nothing"
         said = f"Of {label} the verdict says: {found['summary']}"
         for name, tip in found["tip_rmse_m"].items():
