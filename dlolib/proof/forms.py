@@ -23,6 +23,7 @@ Values = Mapping[str, float]
 # Where fits begin, as multiples of the two parameters: on a way that ends before our law yields nothing tells
 # which way to go, although the laboratory's yields there already, and little at first.
 BEGIN = ((1.0, 0.85, 0.7), (1.0, 5.0))
+TINY = 1e-12
 
 
 @dataclass(frozen=True)
@@ -115,7 +116,6 @@ def _cubic(way: Way, cubic: float) -> Floats:
     return np.asarray(way.curvature / np.sqrt(1 + 2 * abs(cubic) * square))
 
 
-TINY = 1e-12
 FORMS: Mapping[str, tuple[Callable[[Values, int], Law], Callable[..., Floats]]] = MappingProxyType(
     {
         "plastic_bending": (

@@ -79,8 +79,8 @@ def _words(proof: Mapping[str, Any]) -> Paragraph:
     whole = len(proof["shards_of_intervals"])
     if whole < len(proof["shards"]):
         text += (
-            f" Intervals are counted in {whole} of these shards: the others were diagnosed by a version that "
-            "judges the same and gives other intervals."
+            f" Intervals are counted in {whole} of these shards: the others were diagnosed by versions that "
+            "give other intervals, and judged alike all recordings of a shard that was diagnosed again."
         )
     everywhere = proof["everywhere"]["right_or_tied"]
     text += (
