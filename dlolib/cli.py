@@ -235,7 +235,7 @@ def learn(
     from dlolib.learn import learn as learn_layout
     from dlolib.learn import write_learned
 
-    check_out(out, "result.json", layout, fit, verdict)
+    check_out(out, "policy.npz", layout, fit, verdict)
     goal, settings = read_layout(layout), _learn_settings()
     known = rope_values(goal.rope, goal.name, _known(fit, verdict), parse_values(values or []))
     learned = learn_layout(replace(goal, rope=known.rope), _rod(known, settings.particles), settings)
@@ -265,7 +265,8 @@ def execute(
         raise ParameterError(
             "the laboratory has no robot", place="--robot", mend="leave it out, or give --host"
         )
-    check_out(out, "result.json", trajectory, layout, robot)
+    # a robot's log is no result of the laboratory
+    check_out(out, "log.csv" if layout is None else ("log.csv", "shapes.csv"), trajectory, layout, robot)
     if host is not None:
         from dlolib.execute import execute_on_robot, read_robot
 

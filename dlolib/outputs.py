@@ -8,12 +8,12 @@ from pathlib import Path
 from dlolib.errors import FormatError
 
 
-def check_out(out: Path, known_by: str, *inputs: Path | None) -> None:
+def check_out(out: Path, known_by: str | tuple[str, ...], *inputs: Path | None) -> None:
     """Refuse a folder to write before any work is done, where writing it would fail or destroy something.
 
     Args:
         out: the folder; an earlier result in it is replaced whole.
-        known_by: the file by which a folder is known as an earlier result of the same command.
+        known_by: the file or files by which a folder is known as an earlier result of the same command.
         inputs: what is read.
 
     Raises:
@@ -32,8 +32,11 @@ def check_out(out: Path, known_by: str, *inputs: Path | None) -> None:
         raise FormatError("is a link", file=out, mend="give the folder itself")
     if out.exists() and not out.is_dir():
         raise FormatError("is a file", file=out, mend="give a folder")
-    if out.is_dir() and any(out.iterdir()) and not (out / known_by).is_file():
-        problem = f"holds files, and no {known_by} of an earlier run"
+    missing = [
+        name for name in ([known_by] if isinstance(known_by, str) else known_by) if not (out / name).is_file()
+    ]
+    if out.is_dir() and any(out.iterdir()) and missing:
+        problem = f"holds files, and no {missing[0]} of an earlier run"
         raise FormatError(problem, file=out, mend=elsewhere)
     above = next(folder for folder in whole.parents if folder.exists())
     if not above.is_dir():

@@ -44,6 +44,8 @@ FILES = ("recording.json", "motion.csv", "points.csv")
 KEPT = ("verdict.json", "next_motion.csv")
 WORKERS, LIMIT_S = os.cpu_count() or 1, 1800
 CALIBRATION_NULLS, CALIBRATION_SIZE = 12, 3.0
+# What is told of every version.
+TOLD = ("detectable", "right_or_tied", "confidently_wrong", "false_alarms")
 
 
 def main(*arguments: str) -> None:
@@ -191,7 +193,22 @@ def totals() -> dict[str, Any]:
             rows.append({key: value for key, value in row.items() if intervals or key not in INTERVALS})
     counts = {"started": len(started), "scored": len(scored), "version": last, "shards": list(shards)}
     counts |= {"shards_of_intervals": [shard for shard, intervals in shards.items() if intervals]}
-    return counts | summarise(rows)
+    return counts | summarise(rows) | {"versions": versions(scored)}
+
+
+def versions(scored: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """What came of every version of what diagnoses, those judged alike as one, in the order of their last
+    shards: how they went on from each other, whichever counts."""
+    groups: dict[frozenset[str], list[str]] = {}
+    for row in scored:
+        same = frozenset(book.alike(BOOK, row["version"], but_intervals=True))
+        groups[same] = [*groups.pop(same, []), row["shard"]]
+    found = []
+    for shards in groups.values():
+        read = [json.loads((BOOK / f"{shard}.json").read_text())["recordings"] for shard in shards]
+        told = summarise([row for one in read for row in one.values()])
+        found.append({"shards": shards, "recordings": told["recordings"]} | {key: told[key] for key in TOLD})
+    return found
 
 
 def made_by(command: str) -> dict[str, str]:

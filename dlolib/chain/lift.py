@@ -148,7 +148,7 @@ def _cloud(view: View) -> Floats:
     if len(cloud) <= NEIGHBOURS:
         return cloud
     # As Open3D's `remove_statistical_outlier`, which takes thrice as long.
-    near = np.asarray(cKDTree(cloud).query(cloud, k=NEIGHBOURS)[0]).mean(axis=1)
+    near = np.asarray(cKDTree(cloud).query(cloud, k=NEIGHBOURS, workers=-1)[0]).mean(axis=1)
     return np.asarray(cloud[near < near.mean() + OUTLIER_RATIO * near.std(ddof=1)])
 
 

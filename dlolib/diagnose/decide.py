@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from dlolib.diagnose.fitting import Fitted
+from dlolib.diagnose.heldout import Foretold, refuted
 from dlolib.diagnose.residuals import explains, slow_modes
 from dlolib.diagnose.search import Searched
 from dlolib.diagnose.study import DiagnoseSettings, Study, ideal
 
+Effects = tuple[str, ...]
 Status = Literal["no_mismatch", "explained", "ambiguous", "unexplained"]
 # Slow residuals this unlikely are a mismatch even where no effect takes them up.
 ALARMING = 1e-5
@@ -42,18 +44,24 @@ def decide(
     study: Study,
     searched: Searched,
     settings: DiagnoseSettings,
-    refuted: Container[tuple[str, ...]] = (),
+    foretold: Mapping[Effects, Foretold] | None = None,
 ) -> Decision:
-    """The verdict's status, winner and tie; what foretells worse than the elastic rod explains nothing."""
-    frames, base = study.frames, searched.baseline
+    """The verdict's status, winner and tie.
+
+    Held-out motion has two things to say: what foretells it worse than the elastic rod explains nothing, and
+    what another model foretells better of it makes up for what it fits worse.
+    """
+    frames, base, foretold = study.frames, searched.baseline, foretold or {}
+    wrong = refuted(foretold)
     models = [one for one in searched.models if _earned(one, searched, settings)]
     best = models[0] if models else base
     if not models or best.bic(frames) > base.bic(frames):
         slow = slow_modes(base.residuals, len(base.unknowns))
         return Decision("unexplained" if slow.p_value < ALARMING else "no_mismatch", base)
-    if best.effects in refuted or not explains(best, base):
-        return Decision("unexplained", best, refuted=best.effects in refuted)
-    tie = [one for one in _tied(study, models, base, settings) if one.effects not in refuted][:MOST_TIED]
+    if best.effects in wrong or not explains(best, base):
+        return Decision("unexplained", best, refuted=best.effects in wrong)
+    tie = [one for one in _tied(study, models, base, settings, foretold) if one.effects not in wrong]
+    tie = tie[:MOST_TIED]
     if len(tie) > 1:
         return Decision("ambiguous", best, tuple(tie))
     return Decision("explained", best)
@@ -64,7 +72,7 @@ def contenders(study: Study, searched: Searched, settings: DiagnoseSettings) -> 
     of the winner's size, and the best others. A roll-out on two meshes each is dear."""
     base, earned = searched.baseline, [one for one in searched.models if _earned(one, searched, settings)]
     wrong = wrong_same_size(searched.models, decide(study, searched, settings))
-    some = [base, *searched.models[:COMPARED], *_tied(study, earned, base, settings)]
+    some = [base, *searched.models[:COMPARED], *_tied(study, earned, base, settings, {})]
     return list({one.effects: one for one in (*some, wrong) if one is not None}.values())
 
 
@@ -75,12 +83,25 @@ def wrong_same_size(models: Sequence[Fitted], decision: Decision) -> Fitted | No
     return next((m for m in models if m.effects and m.effects not in right and m.parameters == many), None)
 
 
-def _tied(study: Study, models: Sequence[Fitted], base: Fitted, settings: DiagnoseSettings) -> list[Fitted]:
+def _tied(
+    study: Study,
+    models: Sequence[Fitted],
+    base: Fitted,
+    settings: DiagnoseSettings,
+    foretold: Mapping[Effects, Foretold],
+) -> list[Fitted]:
     """The first of the models, and those that are as good without having all of its effects and more."""
     if not models:
         return []
     best, frames = models[0], study.frames
-    good = [one for one in models if one.bic(frames) < best.bic(frames) + _margin(one, best, base, settings)]
+
+    def behind(one: Fitted) -> float:
+        """By how much in BIC, less what it foretells better of held-out motion."""
+        told, by_best = foretold.get(one.effects), foretold.get(best.effects)
+        ahead = 0.0 if told is None or by_best is None else -told.against(by_best)[0]
+        return one.bic(frames) - best.bic(frames) - max(ahead, 0.0)
+
+    good = [one for one in models if behind(one) < _margin(one, best, base, settings)]
     return [one for one in good if one is best or not set(best.effects) < set(one.effects)]
 
 

@@ -11,7 +11,7 @@ from dlolib.diagnose.ask import next_motion
 from dlolib.diagnose.decide import contenders, decide
 from dlolib.diagnose.detect import asked, detectable, sized
 from dlolib.diagnose.fitting import Fitted
-from dlolib.diagnose.heldout import black_box, foretell, refuted
+from dlolib.diagnose.heldout import black_box, foretell
 from dlolib.diagnose.locate import Reversal, reversal, scan
 from dlolib.diagnose.noise import known_noise, noise_left
 from dlolib.diagnose.nuisances import before, between
@@ -78,7 +78,7 @@ def diagnose(recordings: Sequence[Recording], settings: DiagnoseSettings) -> Dia
             boxes = run(black_box, [(base, settings.seed)], "black box")
         pairs = zip(compared, foretold, strict=False)
         ahead = {one.effects: told for one, told in pairs if told is not None}
-        decision = decide(study, searched, settings, refuted(ahead))
+        decision = decide(study, searched, settings, ahead)
         forms = other_forms(study, searched, decision.winner, settings, run)
     motion = next_motion(study, *decision.tie[:2]) if len(decision.tie) > 1 else None
     found = Found(

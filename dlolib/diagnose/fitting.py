@@ -80,6 +80,7 @@ class Hypothesis:
     offsets_m: tuple[Floats, ...]
     evaluations: int = 0
     _last: tuple[Floats, Floats, Floats] | None = field(default=None, repr=False)
+    _acting: frozenset[str] | None = field(default=None, repr=False)
 
     @property
     def bounds(self) -> tuple[Floats, Floats]:
@@ -95,13 +96,26 @@ class Hypothesis:
         return self._last[1], self._last[2]
 
     def residuals(self, theta: Floats) -> Floats:
-        """(R,); a trial that cannot be simulated is far off."""
+        """(R,); a trial that cannot be simulated is far off, and one that an effect has no part in any more:
+        no derivative leads back from an obstacle that the rope does not touch.
+        """
         try:
-            return self.at(theta)[0]
+            residuals, jacobian = self.at(theta)
         except SimulationError:
             if self._last is None:
                 raise
             return np.full_like(self._last[1], UNSOLVED)
+        acting = self._moving(jacobian)
+        if self._acting is None:
+            self._acting = acting
+        return residuals if self._acting <= acting else np.full_like(residuals, UNSOLVED)
+
+    def _moving(self, jacobian: Floats) -> frozenset[str]:
+        """The effects that have a parameter which moves any point."""
+        moves = np.abs(jacobian * [u.scale for u in self.unknowns]).max(axis=0) >= SILENT
+        pairs = zip(self.unknowns, moves, strict=True)
+        names = {u.name.partition(".")[0] for u, moved in pairs if moved and u.recording is None}
+        return frozenset(names & set(self.effects))
 
     def jacobian(self, theta: Floats) -> Floats:
         """(R, N)."""

@@ -18,7 +18,7 @@ from dlolib.diagnose.tasks import (
     beginnings,
     fit_first,
     hints_of,
-    promised,
+    promises,
     refit,
     task_from,
     task_without,
@@ -132,7 +132,21 @@ def _singles(study: Study, baseline: Fitted, settings: DiagnoseSettings, run: Wo
         for name, form in library(study, settings.without)
         for task in beginnings(study, baseline, {}, name, form, hints, settings.starts)
     ]
-    return _refined(study, run(fit_first, tasks, "effects"), baseline, run, "effects")
+    found = [one for one in run(fit_first, tasks, "effects") if one is not None]
+    return _refined(study, _nested(study, found, run), baseline, run, "effects")
+
+
+def _nested(study: Study, found: Sequence[Fitted], run: Workers) -> list[Fitted]:
+    """Forms of one effect that fit worse than one with fewer parameters fitted once more from there: they had
+    ended in a worse optimum."""
+    tasks = []
+    for one in found:
+        own = set(one.unknowns)
+        parts = [p for p in found if p.effects == one.effects and set(p.unknowns) < own and p.chi2 < one.chi2]
+        if parts:
+            best = min(parts, key=lambda part: part.chi2)
+            tasks.append(Task(terms_of(one), (best.point,), best.offsets_m, 1))
+    return [*found, *(one for one in run(refit, tasks, "larger forms") if one is not None)]
 
 
 def _best(study: Study, models: Models) -> Fitted:
@@ -218,9 +232,13 @@ def _partners(study: Study, fewer: Fitted, settings: DiagnoseSettings, run: Work
         for task in beginnings(study, fewer, have, name, form, hints, settings.starts)
     ]
     beside = " and ".join(fewer.effects)
-    left = run(promised, tasks, f"beside {beside}")
+    told = run(promises, tasks, f"beside {beside}")
+    tasks = [replace(task, promises=told) for task, told in zip(tasks, told, strict=True)]
     penalty = np.log(study.frames)
-    gains = [fewer.chi2 - low - penalty * _more(task, have) for low, task in zip(left, tasks, strict=True)]
+    gains = [
+        fewer.chi2 - (task.promises[0].chi2 if task.promises else np.inf) - penalty * _more(task, have)
+        for task in tasks
+    ]
     added = [list(task.terms)[-1] for task in tasks]
     ranked = [added[k] for k in np.argsort(gains)[::-1] if gains[k] > PROMISING]
     first = list(dict.fromkeys(ranked))[: settings.partners]
@@ -229,7 +247,8 @@ def _partners(study: Study, fewer: Fitted, settings: DiagnoseSettings, run: Work
         for task, name, gain in zip(tasks, added, gains, strict=True)
         if abrupt(name) or (name in ranked and stiffens(name)) or (name in first and gain > PROMISING)
     ]
-    return _refined(study, run(fit_first, kept, f"fits beside {beside}"), fewer, run, f"beside {beside}")
+    found = [one for one in run(fit_first, kept, f"fits beside {beside}") if one is not None]
+    return _refined(study, found, fewer, run, f"beside {beside}")
 
 
 def _pruned(study: Study, models: Models, run: Workers) -> None:
@@ -266,10 +285,10 @@ def _best_forms(study: Study, found: Sequence[Fitted]) -> list[Fitted]:
 
 
 def _refined(
-    study: Study, found: Sequence[Fitted | None], baseline: Fitted, run: Workers, what: str
+    study: Study, found: Sequence[Fitted], baseline: Fitted, run: Workers, what: str
 ) -> list[Fitted]:
     """The best forms; those that gain and are near the best with the mesh's error at their own optimum."""
-    fits = _best_forms(study, [one for one in found if one is not None])
+    fits = _best_forms(study, found)
     near = _near(study, fits, baseline)
     again = run(refit, [task_from(one) for one in near], f"{what}, refined")
     better = {one.effects: new for one, new in zip(near, again, strict=True) if new is not None}

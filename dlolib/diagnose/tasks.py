@@ -36,13 +36,24 @@ ROUGH, AHEAD, FIRST_TOLERANCE = 6, 10.0, 1e-5
 
 
 @dataclass(frozen=True)
+class Promise:
+    """The χ² that a linear step from theta, in the fit's coordinates, would reach."""
+
+    chi2: float
+    theta: Floats
+
+
+@dataclass(frozen=True)
 class Task:
-    """One model to be fitted: effects with their parameters, and where its fits may begin."""
+    """One model to be fitted: effects with their parameters, and where its fits may begin; `best` starts are
+    fitted in full. promises: what was found of the starts, the best first, where that is known already.
+    """
 
     terms: Terms
     starts: tuple[Point, ...]
     offsets_m: tuple[Floats, ...]
     best: int
+    promises: tuple[Promise, ...] | None = None
 
 
 def terms_of(model: Fitted) -> Terms:
@@ -90,25 +101,26 @@ def coordinates(unknowns: Sequence[Unknown], start: Point) -> Floats:
     return np.array([u.inward(start[u] if u in start else parameter(u.name).neutral) for u in unknowns])
 
 
-def _ranked(study: Study, task: Task) -> list[tuple[float, Floats, Hypothesis]]:
-    """What a linear step from each start promises, the start, and the model as simulated there, the best
-    first."""
-    ranked: list[tuple[float, Floats, Hypothesis]] = []
+def promises(study: Study, task: Task) -> tuple[Promise, ...]:
+    """What a linear step from each of the starts promises, the best first; those that cannot be simulated
+    promise nothing."""
+    return tuple(one for one, _ in _ranked(study, task))
+
+
+def _ranked(study: Study, task: Task) -> list[tuple[Promise, Hypothesis]]:
+    """The same with models to fit from there, each of which keeps what it simulated."""
+    if task.promises is not None:
+        return [(one, hypothesis(study, task.terms, task.offsets_m)) for one in task.promises]
+    ranked: list[tuple[Promise, Hypothesis]] = []
     for start in task.starts:
         model, again = (hypothesis(study, task.terms, task.offsets_m) for _ in range(2))
         theta = coordinates(model.unknowns, start)
         with contextlib.suppress(SimulationError):
-            ranked.append((promise(model, theta), theta, model))
+            ranked.append((Promise(promise(model, theta), theta), model))
             woken = awake(model, theta)
             if woken is not None:
-                ranked.append((promise(again, woken), woken, again))
-    return sorted(ranked, key=lambda one: one[0])
-
-
-def promised(study: Study, task: Task) -> float:
-    """The χ² that a linear step from the best of the starts would reach."""
-    ranked = _ranked(study, task)
-    return ranked[0][0] if ranked else np.inf
+                ranked.append((Promise(promise(again, woken), woken), again))
+    return sorted(ranked, key=lambda one: one[0].chi2)
 
 
 def fit_first(study: Study, task: Task) -> Fitted | None:
@@ -120,13 +132,13 @@ def fit_first(study: Study, task: Task) -> Fitted | None:
     ranked = _ranked(study, task)
     rough: list[tuple[Fitted, Hypothesis]] = []
     margin = AHEAD
-    for tried, (_, theta, model) in enumerate(ranked[: 2 * task.best]):
+    for tried, (start, model) in enumerate(ranked[: 2 * task.best]):
         if tried >= task.best:
-            if _least(rough) < ranked[0][0] + AHEAD:
+            if _least(rough) < ranked[0][0].chi2 + AHEAD:
                 break
             margin = np.inf
         with contextlib.suppress(SimulationError):
-            rough.append((fit(model, theta, ROUGH, FIRST_TOLERANCE), model))
+            rough.append((fit(model, start.theta, ROUGH, FIRST_TOLERANCE), model))
     ahead = [(one, model) for one, model in rough if one.chi2 < _least(rough) + margin]
     ends = [fit(model, one.theta, tolerance=FIRST_TOLERANCE) for one, model in ahead]
     return min(ends, key=lambda one: one.chi2, default=None)
@@ -182,6 +194,7 @@ def _blocks(recording: Recording, count: int) -> np.ndarray[tuple[int], np.dtype
 
 
 __all__ = [
+    "Promise",
     "Task",
     "Terms",
     "as_it_was",
@@ -189,7 +202,7 @@ __all__ = [
     "coordinates",
     "fit_first",
     "hints_of",
-    "promised",
+    "promises",
     "refit",
     "task_from",
     "task_without",

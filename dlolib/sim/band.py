@@ -74,24 +74,43 @@ def factor_symmetric(upper: ti.template(), lower: ti.template(), m: int, rows: i
 
 @ti.func
 def factor_general(upper: ti.template(), lower: ti.template(), m: int, rows: int, definite: int) -> int:
-    """See `factor`."""
+    """See `factor`. As `factor_symmetric`, with a second triangle for what lies below the diagonal."""
     failed = 0
-    for r in range(rows):
-        pivot = upper[m, r][0]
-        if failed == 0:
-            if pivot > 0.0 or (definite == 0 and pivot < 0.0):
-                inverse = 1.0 / pivot
-                upper[m, r][0] = inverse
-                for i in ti.static(range(1, HALF + 1)):
-                    share = lower[m, r][i] * inverse
-                    lower[m, r][i] = share
-                    for k in ti.static(range(1, HALF + 1)):
-                        if ti.static(k >= i):
-                            upper[m, r + i][k - i] = upper[m, r + i][k - i] - share * upper[m, r][k]
-                        else:
-                            lower[m, r + k][i - k] = lower[m, r + k][i - k] - share * upper[m, r][k]
-            else:
-                failed = r + 1
+    above, below = triangle(0.0), triangle(0.0)
+    for i in ti.static(range(HALF + 1)):
+        for k in ti.static(range(HALF + 1 - i)):
+            above[PLACE[i] + k], below[PLACE[i] + k] = upper[m, i][k], lower[m, i][k]
+    for block in range(rows // 3):
+        r = 3 * block
+        for s in ti.static(range(3)):
+            pivot = above[PLACE[s]]
+            if failed == 0 and not (pivot > 0.0 or (definite == 0 and pivot < 0.0)):
+                failed = r + s + 1
+            inverse = 1.0 / pivot
+            row, column = row_type(0.0), row_type(0.0)
+            row[0] = inverse
+            for i in ti.static(range(s + 1, HALF + 1)):
+                row[i - s] = above[PLACE[s] + i - s]
+                column[i - s] = below[PLACE[s] + i - s] * inverse
+            for i in ti.static(range(s + 1, HALF + 1)):
+                for k in ti.static(range(s + 1, HALF + 1)):
+                    if ti.static(k >= i):
+                        above[PLACE[i] + k - i] -= column[i - s] * row[k - s]
+                    else:
+                        below[PLACE[k] + i - k] -= column[i - s] * row[k - s]
+            upper[m, r + s], lower[m, r + s] = row, column
+        for i in ti.static(range(HALF + 1)):
+            # a row past the end is read once, and not used
+            following = ti.min(r + 3 + i, rows + HALF - 1)
+            right, down = upper[m, following], lower[m, following]
+            for k in ti.static(range(HALF + 1 - i)):
+                if ti.static(i + k < 6):
+                    above[PLACE[i] + k] = above[PLACE[i + 3] + k]
+                    below[PLACE[i] + k] = below[PLACE[i + 3] + k]
+                else:
+                    above[PLACE[i] + k], below[PLACE[i] + k] = right[k], down[k]
+        if failed > 0:
+            break
     return failed
 
 

@@ -29,7 +29,7 @@ from dlolib.sim.assembly import (
     vectors4,
 )
 from dlolib.sim.band import HALF, entry, solve, solve_transposed, times_column
-from dlolib.sim.joints import HISTORY, laws_act
+from dlolib.sim.joints import HISTORY, law_acts, laws_act
 from dlolib.sim.runtime import APART, mat2, mat3, ti, vec2, vec3
 from dlolib.sim.scene import DRAG, INERTIA, SAMPLES
 from dlolib.sim.strain import bend_twist, darboux, moment_to_rotations, rotations_to_strain
@@ -94,10 +94,20 @@ def gathered(y: ti.template(), b: int, c: int, p: int, j: int) -> vec3:
 
 
 @ti.func
-def turned(turn: ti.template(), q: ti.template(), b: int, c: int, t: int, i: int, length: float) -> vec2:
-    """Change of joint i's two curvatures [1/m] at index t, from turns [b, c, frame] of its frames."""
-    d = rotations_to_strain(q[b, t, i], q[b, t, i + 1], turn[b, c, i], turn[b, c, i + 1]) / length
-    return vec2(d[0], d[1])
+def bent_of(bent: ti.template(), b: int, c: int, i: int) -> vec2:
+    """What `keep_bent` kept last."""
+    return vec2(bent[b, c, i, 0], bent[b, c, i, 1])
+
+
+@ti.func
+def keep_bent(
+    bent: ti.template(), turn: ti.template(), q: ti.template(), joints: ti.template(), steps: ti.template(),
+    b: int, c: int, t: int, i: int,
+):  # fmt: skip
+    """Into bent[b, c, i] how joint i's two curvatures [1/m] change at index t, from turns [b, c, frame]."""
+    length, _before = joint_lengths(joints, steps, b, t, i)
+    change = rotations_to_strain(q[b, t, i], q[b, t, i + 1], turn[b, c, i], turn[b, c, i + 1]) / length
+    bent[b, c, i, 0], bent[b, c, i, 1] = change[0], change[1]
 
 
 @ti.kernel
@@ -131,14 +141,16 @@ def sensitivities(
     next_turn: vectors3,
     d_past: scalars4,
     d_slip: vectors3,
+    bent: scalars4,
     out: vectors4,
 ):
     """Forward pass beside `roll_out`: derivatives of the positions by a handful of parameters c.
 
     by_force (S, C, rows), by_past (S, C, n, HISTORY), by_slip (S, C, K): what the parameters do to each
     step at fixed states; by_held (B, T, C, 2, 6): to the held positions and frames. last, last_but_one, turn,
-    d_past, d_slip: derivatives of the initial state, on exit of the last. `slot[t - 1]` says where in `out`
-    (B, slot, C, n) step t goes, -1 for nowhere.
+    d_past, d_slip: derivatives of the initial state, on exit of the last. bent (B, C, n, 2): room for those
+    of the curvatures of joints with laws. `slot[t - 1]` says where in `out` (B, slot, C, n) step t goes, -1
+    for nowhere.
     """
     for lane in range(x.shape[0] * APART):
         if lane % APART != 0:
@@ -146,6 +158,10 @@ def sensitivities(
         b = lane // APART
         n = x.shape[2]
         rows = 6 * (n + 1)
+        for c in range(last.shape[1]):
+            for i in range(n):
+                if laws_act(joints, b, i):
+                    keep_bent(bent, turn, q, joints, steps, b, c, 0, i)
         for t in range(1, x.shape[1]):
             m = b * (x.shape[1] - 1) + t - 1
             for c in range(last.shape[1]):
@@ -162,15 +178,13 @@ def sensitivities(
                             y[b, c, 6 * (p + 1) + k] += pull[k]
                 for i in range(n):
                     if laws_act(joints, b, i):
-                        _now_l, before_l = joint_lengths(joints, steps, b, t, i)
-                        bent = vec2(0.0)
-                        if fresh == 0:
-                            bent = turned(turn, q, b, c, t - 1, i, before_l)
+                        before = bent_of(bent, b, c, i) * (1 - fresh)
                         moment = vec3(0.0)
                         for k in range(bends.shape[2]):
-                            h = vec2(d_past[b, c, i, 3 * k], d_past[b, c, i, 3 * k + 1])
-                            change = block2(bends, m, i, k, 0) @ bent + block2(bends, m, i, k, 1) @ h
-                            moment += vec3(change[0], change[1], 0.0)
+                            if law_acts(joints, b, i, k):
+                                h = vec2(d_past[b, c, i, 3 * k], d_past[b, c, i, 3 * k + 1])
+                                change = block2(bends, m, i, k, 0) @ before + block2(bends, m, i, k, 1) @ h
+                                moment += vec3(change[0], change[1], 0.0)
                         ga, gb = moment_to_rotations(q[b, t, i], q[b, t, i + 1], moment)
                         for k in ti.static(range(3)):
                             y[b, c, 6 * i + 3 + k] -= ga[k]
@@ -205,17 +219,16 @@ def sensitivities(
                     next_turn[b, c, i] = vec3(y[b, c, 6 * i + 3], y[b, c, 6 * i + 4], y[b, c, 6 * i + 5])
                 for i in range(n):
                     if laws_act(joints, b, i):
-                        now_l, before_l = joint_lengths(joints, steps, b, t, i)
-                        bent = vec2(0.0)
-                        if fresh == 0:
-                            bent = turned(turn, q, b, c, t - 1, i, before_l)
-                        bent_now = turned(next_turn, q, b, c, t, i, now_l)
+                        before = bent_of(bent, b, c, i) * (1 - fresh)
+                        keep_bent(bent, next_turn, q, joints, steps, b, c, t, i)
+                        now = bent_of(bent, b, c, i)
                         for k in range(bends.shape[2]):
-                            h = vec2(d_past[b, c, i, 3 * k], d_past[b, c, i, 3 * k + 1])
-                            h = block2(bends, m, i, k, 4) @ h
-                            h += block2(bends, m, i, k, 2) @ bent_now + block2(bends, m, i, k, 3) @ bent
-                            for j in ti.static(range(2)):
-                                d_past[b, c, i, 3 * k + j] = h[j] + by_past[m, c, i, 3 * k + j]
+                            if law_acts(joints, b, i, k):
+                                h = vec2(d_past[b, c, i, 3 * k], d_past[b, c, i, 3 * k + 1])
+                                h = block2(bends, m, i, k, 4) @ h
+                                h += block2(bends, m, i, k, 2) @ now + block2(bends, m, i, k, 3) @ before
+                                for j in ti.static(range(2)):
+                                    d_past[b, c, i, 3 * k + j] = h[j] + by_past[m, c, i, 3 * k + j]
                 if d_slip.shape[2] > 1 and fresh == 0:
                     for p in range(n):
                         for j in range(SAMPLES):

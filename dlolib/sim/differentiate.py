@@ -140,7 +140,7 @@ def sensitivities(
         rollout.x, rollout.q, steps_of(rollout.path, rollout.clock), scene.joints,
         scene.particles, scene.grips, scene.clamped, *rollout.clock.flags, int(scene.symmetric), *factors,
         columns(ropes, count, n), *memory, slot, *_explicit(rollout, variations), x, before, turn,
-        np.zeros((ropes, count, n + 1, 3)), past, slip, out,
+        np.zeros((ropes, count, n + 1, 3)), past, slip, np.zeros((ropes, count, n, 2)), out,
     )  # fmt: skip
     return out, Tangent(x, before, turn, past, slip)
 

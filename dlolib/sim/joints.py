@@ -22,11 +22,17 @@ def curvature(q: ti.template(), b: int, t: int, i: int, length: float) -> vec3:
 
 
 @ti.func
+def law_acts(joints: ti.template(), b: int, i: int, k: int) -> bool:
+    """Whether joint i follows law k."""
+    return joints[b, i, FIRST + 2 * k] != 0.0
+
+
+@ti.func
 def laws_act(joints: ti.template(), b: int, i: int) -> bool:
     """Whether joint i has any moment beside the elastic one."""
     act = False
     for k in ti.static(range(len(LAWS))):
-        act = act or joints[b, i, FIRST + 2 * k] != 0.0
+        act = act or law_acts(joints, b, i, k)
     return act
 
 

@@ -15,8 +15,8 @@ from dlolib.errors import ParameterError, SimulationError
 from dlolib.formats import interpolate_motion
 from dlolib.sim import iterative
 from dlolib.sim.differentiate import Case, Tangent, Variation, sensitivities, zero_tangent
-from dlolib.sim.effects import parameter
-from dlolib.sim.effects.base import Camera, Setup
+from dlolib.sim.effects import LAWS, parameter
+from dlolib.sim.effects.base import Camera, Setup, sizes
 from dlolib.sim.observe import Sampling, point_weights, sampling_of, seen, turned, viewing_axis
 from dlolib.sim.rod import STIFFNESSES, Rod, scene_of, setup
 from dlolib.sim.simulate import Clock, Path, Rollout, State, roll_out
@@ -31,8 +31,8 @@ REMEMBERED = 0.4
 # not each solved for: between them the rope goes in a straight line but for some 0.01 % of its length, 0.2 %
 # where it swings far for what its ends do.
 CLOSE, BRIEF = 0.25, 0.01
-# A difference for a derivative is no smaller a share of the value than this.
-LEAST_DIFFERENCE = 1e-9
+# A difference for a derivative is no smaller a share of the value than this; a law's trace, in differences.
+LEAST_DIFFERENCE, TRACE = 1e-9, 10.0
 # A step of the dynamic clock follows an end by this share of the rope's length and by this turn.
 FOLLOWED, FOLLOWED_RAD = 0.25, 1.0
 # A roll-out of so many steps takes all of a machine's memory.
@@ -203,6 +203,7 @@ class RecordingModel:
 
     def predict(self, rod: Rod, parameters: Sequence[str] = ()) -> Prediction:
         """Simulate the recording's points and, by forward sensitivities, their derivatives."""
+        rod = traced(rod, parameters)
         return self.respond(rod, [sides_of(self, rod, name) for name in parameters])
 
     def respond(self, rod: Rod, sides: Sequence[Sides]) -> Prediction:
@@ -272,6 +273,22 @@ def as_seen(
     for k, (one, other, width) in enumerate(sides):
         by[:, :, k] += (seen(xyz_m, one.camera, axis) - seen(xyz_m, other.camera, axis)) / width
     return Prediction(seen(xyz_m, camera, axis), by)
+
+
+def traced(rod: Rod, parameters: Sequence[str]) -> Rod:
+    """The rod with a trace of every law whose size is one of the parameters and neutral.
+
+    A law that is not there remembers nothing, and what a little of it would remember is most of its
+    derivative.
+    """
+    traces = {}
+    for law in LAWS:
+        for part in sizes(law):
+            name = f"{law.NAME}.{part}"
+            known = parameter(name)
+            if name in parameters and rod.value(name) == known.neutral and np.isfinite(known.neutral):
+                traces[name] = known.neutral + TRACE * known.difference * known.scale
+    return rod.with_values(traces) if traces else rod
 
 
 class Settable(Protocol):

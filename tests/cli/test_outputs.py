@@ -64,6 +64,41 @@ def test_only_a_result_of_the_same_command_is_replaced(
     assert "no fit.json" in capfd.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("command", "there", "lacks"),
+    [
+        (["learn", "layout"], ("log.csv", "result.json", "shapes.csv"), "no policy.npz"),
+        (
+            ["execute", "layout/trajectory.csv", "--layout", "layout"],
+            ("log.csv", "result.json"),
+            "no shapes.csv",
+        ),
+        (
+            ["execute", "layout/trajectory.csv", "--layout", "layout"],
+            ("policy.npz", "result.json", "shapes.csv", "trajectory.csv"),
+            "no log.csv",
+        ),
+        (["execute", "layout/trajectory.csv", "--host", "::1"], ("policy.npz", "result.json"), "no log.csv"),
+    ],
+)
+def test_what_was_learned_and_what_was_run_do_not_replace_each_other(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+    command: list[str],
+    there: tuple[str, ...],
+    lacks: str,
+) -> None:
+    """A log of the robot, without shapes, is no result of the laboratory either."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "out").mkdir()
+    for name in there:
+        (tmp_path / "out" / name).write_text("of a run")
+    assert run([*command, "--out", "out"]) == 2
+    assert _files(tmp_path / "out") == sorted(there)
+    assert lacks in capfd.readouterr().err
+
+
 def test_what_cannot_be_replaced_is_not_lost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "mine.txt").write_text("mine")
     monkeypatch.chdir(tmp_path)

@@ -31,10 +31,15 @@ def left(effects, chi2, parameters=2):
     return Fitted(effects, unknowns, np.zeros(count), whole, np.eye(count), (NOISE + slow,), (), 1)
 
 
-def decided(*models, refuted=()):
+def decided(*models, foretold=None):
     base = left((), 7000.0, 0)
     ranked = sorted(models, key=lambda one: one.bic(FRAMES))
-    return decide(STUDY, Searched(base, tuple(ranked)), DiagnoseSettings(), refuted)
+    return decide(STUDY, Searched(base, tuple(ranked)), DiagnoseSettings(), foretold)
+
+
+def told(change):
+    """What is left of 24 held-out frames, more than the elastic rod leaves by so much."""
+    return Foretold(np.full(24, 84.0 + change / 24) + np.tile([0.1, -0.1], 12), np.zeros(1))
 
 
 @pytest.mark.parametrize("shape", [(8, 8), (2, 6), (4, 8)])
@@ -51,10 +56,22 @@ def test_the_best_model_explains_where_no_other_is_near():
 
 def test_what_foretells_worse_than_the_elastic_rod_explains_nothing():
     lump, load = left(("mass_profile",), 0.0), left(("lateral_load",), 5.0)
-    found = decided(lump, load, refuted={lump.effects})
+    good, bad = told(-50.0), told(50.0)
+    found = decided(lump, load, foretold={(): told(0.0), lump.effects: bad, load.effects: good})
     assert (found.status, found.winner, found.refuted) == ("unexplained", lump, True)
-    found = decided(lump, load, refuted={load.effects})
+    found = decided(lump, load, foretold={(): told(0.0), lump.effects: good, load.effects: bad})
     assert (found.status, found.winner, found.refuted) == ("explained", lump, False)
+
+
+@pytest.mark.parametrize(("ahead", "status"), [(5.0, "explained"), (40.0, "ambiguous")])
+def test_what_another_foretells_better_makes_up_for_what_it_fits_worse(ahead, status):
+    lump, load = left(("mass_profile",), 0.0), left(("lateral_load",), 30.0)
+    foretold = {(): told(0.0), lump.effects: told(-40.0), load.effects: told(-40.0 - ahead)}
+    found = decided(lump, load, foretold=foretold)
+    assert (found.status, found.winner) == (status, lump)
+    # and what it foretells worse takes nothing from what it fits as well
+    near = left(("lateral_load",), 5.0)
+    assert decided(lump, near, foretold=foretold | {near.effects: told(-10.0)}).status == "ambiguous"
 
 
 def test_worse_than_the_elastic_rod_is_worse_by_more_than_chance():

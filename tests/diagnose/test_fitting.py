@@ -6,7 +6,7 @@ import numpy as np
 from diagnose.test_diagnose import QUICK, made
 
 from dlolib.diagnose.diagnose import raw_study
-from dlolib.diagnose.fitting import awake, hypothesis
+from dlolib.diagnose.fitting import UNSOLVED, awake, hypothesis
 from dlolib.diagnose.study import Study
 from dlolib.identify.parameters import Unknown
 from dlolib.types import Recording
@@ -34,6 +34,30 @@ def test_what_bends_the_rope_out_of_its_plane_is_woken() -> None:
     moved = woken(raw_study([flat()], QUICK))
     assert len(moved) == 1 and abs(next(iter(moved.values()))) == 0.1
     assert not woken(raw_study([made({})], QUICK))
+
+
+def test_a_trial_that_an_effect_has_no_part_in_is_far_off() -> None:
+    """No derivative leads back from an obstacle that the rope does not touch."""
+    study = raw_study([made({})], QUICK)
+    recording = study.seen[0].recording
+    places = {"hidden_obstacle": ("x", "y", "z", "radius")}
+
+    def trial(model, depth_m):  # type: ignore[no-untyped-def]
+        middle = recording.points.xyz_m[len(recording.points.xyz_m) // 2]
+        sphere = [*(middle - [0.0, 0.0, 0.02 + recording.rope.radius_m - depth_m]), 0.02]
+        return np.array([u.inward(3e-4) if u.stiffness else sphere.pop(0) for u in model.unknowns])
+
+    def fresh():  # type: ignore[no-untyped-def]
+        return hypothesis(study, places, [np.zeros_like(recording.points.xyz_m)])
+
+    model = fresh()
+    touching = model.residuals(trial(model, 0.005))
+    apart = model.residuals(trial(model, -0.1))
+    assert np.abs(touching).max() < UNSOLVED
+    assert np.all(apart == UNSOLVED)
+    # a fit that begins apart is not refused for it
+    model = fresh()
+    assert np.abs(model.residuals(trial(model, -0.1))).max() < UNSOLVED
 
 
 def test_a_nuisance_stays_within_its_deviations() -> None:

@@ -79,6 +79,10 @@ def test_what_is_judged_otherwise_makes_two_versions(command: str, monkeypatch: 
     proof_same.main(row["shard"], "--command", command)
     assert book.compared(proof.BOOK)[0]["judged_otherwise"] == ["001"]
     assert book.alike(proof.BOOK, "later", but_intervals=True) == {"later"}
+    proof.main("--size", "1", "--command", command)
+    totals = proof.totals()
+    assert [version["recordings"] for version in totals["versions"]] == [2, 1]
+    assert totals["recordings"] == 1
 
 
 def test_sameness_goes_on_from_version_to_version(tmp_path: Path) -> None:

@@ -335,7 +335,10 @@ def _write_proof(folder: Path) -> None:
     ]
     shards = {"started": 2, "scored": 1, "version": "0a1b", "shards": ["shard_1"]}
     shards |= {"shards_of_intervals": []}
-    write_json(folder / "proof/summary.json", shards | summarise(rows))
+    told = summarise(rows)
+    before = {"shards": ["shard_0"], **told, "recordings": 4}
+    versions = [before, {"shards": ["shard_1"], **told}]
+    write_json(folder / "proof/summary.json", shards | told | {"versions": versions})
     write_json(folder / "proof/sizes.json", {"found": share(9, 10)})
     null = {"effects": [], "obstacles": 1, "bodies": 58, "gain": 0.42, "bodies_m": 2.5e-4, "steps_m": 3e-5}
     write_json(folder / "proof/refinement.json", {"goal": 2.0, "cases": [null]})

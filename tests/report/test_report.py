@@ -213,7 +213,7 @@ def test_the_bench_keeps_what_was_missed_and_what_was_not_measured(content: dict
 
 def test_the_proof_shows_every_share_and_every_confusion(content: dict) -> None:
     (section,) = [section for section in content["sections"] if section["name"] == "proof"]
-    words, shares, figure, confusion, refinement, practice = section["blocks"]
+    words, shares, figure, confusion, versions, refinement, practice = section["blocks"]
     assert "5 recordings" in words["text"] and "1 of 2 shards" in words["text"]
     assert "Intervals are counted in 0 of these shards" in words["text"]
     counts = {row[0]: row[1:3] for row in shares["rows"]}
@@ -223,6 +223,8 @@ def test_the_proof_shows_every_share_and_every_confusion(content: dict) -> None:
     assert counts["planted at the size that `detectable` names, and found"] == ["9 of 10 recordings", "90.0"]
     assert figure["file"] == "figures/proof.svg"
     assert ["nothing", "end_angle", "1"] in confusion["rows"]
+    every = ["5", "2 of 3", "1 of 3", "1 of 2"]
+    assert versions["rows"] == [["0", "1", "4", *every[1:]], ["1", "1", *every]]
     assert refinement["rows"] == [["nothing", "1", "0.42", "0.250", "0.030"]]
     assert practice["rows"] == [
         ["practice_clock", "clock_offset", "clock_offset", "3.02 × 10⁻⁴ (3.00 × 10⁻⁴)", "1 of 2 values", "31"]

@@ -126,6 +126,25 @@ def agrees(model: RecordingModel, rod: Rod, name: str, found: Floats) -> bool:
     return False
 
 
+@pytest.mark.parametrize(
+    ("effect", "size", "little"),
+    [
+        ("internal_friction", "saturation_curvature", 1e-4),
+        ("viscoelastic_bending", "modulus_ratio", 1e-4),
+        ("nonlinear_bending", "cubic", 1e-6),
+    ],
+)
+def test_a_law_that_is_not_there_has_the_derivative_of_a_little_of_it(
+    effect: str, size: str, little: float
+) -> None:
+    """What it would remember is most of that."""
+    model, name = RecordingModel(recording(), PARTICLES, 0.02), f"{effect}.{size}"
+    rod = rod_with(effect, {**TRIES[effect].values, size: 0.0})
+    found = model.predict(rod, ["bending_stiffness", name]).by_parameter[..., 1]
+    by = (model.predict(rod.with_values({name: little})).xyz_m - model.predict(rod).xyz_m) / little
+    assert np.linalg.norm(found - by) < 0.02 * np.linalg.norm(by)
+
+
 def central(model: RecordingModel, rod: Rod, name: str, h: float) -> Floats:
     sides = (model.predict(rod.with_values({name: rod.value(name) + d})).xyz_m for d in (h, -h))
     return np.asarray((next(sides) - next(sides)) / (2 * h))

@@ -25,6 +25,12 @@ SHARES = {
     "heldout_better": ("held-out χ² better than the elastic rod's, where something is named", "≥ 95 %"),
     "heldout_better_than_black_box": ("and better than the black box's", "≥ 80 %"),
 }
+# Of every version.
+VERSIONS = {
+    "right_or_tied": "Right or tied",
+    "confidently_wrong": "Confidently wrong",
+    "false_alarms": "Alarms where nothing is missing",
+}
 # Counted beside it: the file, where the share lies in it, what it is, and its goal.
 BESIDE = (
     ("without.json", ["owned_up"], "the true effect taken out of the library, and that noticed", "≥ 80 %"),
@@ -55,6 +61,8 @@ def section(results: Results, figures: Path) -> Section:
         if proof["by_effect"]:
             blocks.append(_outcomes(proof, figures))
         blocks.append(_confusion(proof))
+        if len(proof["versions"]) > 1:
+            blocks.append(_versions(proof))
         fine = results.json("proof", "refinement.json")
         if fine:
             blocks.append(_refinement(fine))
@@ -164,6 +172,28 @@ def _confusion(proof: Mapping[str, Any]) -> Table:
         Column("Count", "recordings"),
     )
     return Table("What was in the recordings, and what was said.", columns, rows)
+
+
+def _versions(proof: Mapping[str, Any]) -> Table:
+    rows = tuple(
+        (
+            one["shards"][-1].removeprefix("shard_"),
+            str(len(one["shards"])),
+            str(one["recordings"]),
+            *(f"{one[key]['count']} of {one[key]['of']}" for key in VERSIONS),
+        )
+        for one in proof["versions"]
+    )
+    columns = (
+        Column("Last shard", align="left"),
+        Column("In all", "shards"),
+        Column("In all", "recordings"),
+        *(Column(title, "recordings") for title in VERSIONS.values()),
+    )
+    caption = (
+        "Every version of what diagnoses, with its own shards; the last one's are those that count above."
+    )
+    return Table(caption, columns, rows)
 
 
 def _refinement(fine: Mapping[str, Any]) -> Table:
