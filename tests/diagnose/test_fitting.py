@@ -7,7 +7,9 @@ from diagnose.test_diagnose import QUICK, made
 
 from dlolib.diagnose.diagnose import raw_study
 from dlolib.diagnose.fitting import UNSOLVED, awake, hypothesis
+from dlolib.diagnose.search import _nested
 from dlolib.diagnose.study import Study
+from dlolib.diagnose.tasks import Task, as_it_was, refit
 from dlolib.identify.parameters import Unknown
 from dlolib.types import Recording
 
@@ -58,6 +60,26 @@ def test_a_trial_that_an_effect_has_no_part_in_is_far_off() -> None:
     # a fit that begins apart is not refused for it
     model = fresh()
     assert np.abs(model.residuals(trial(model, -0.1))).max() < UNSOLVED
+
+
+def test_a_larger_form_that_fits_worse_than_a_smaller_is_fitted_again_from_there() -> None:
+    study = raw_study([made({"end_angle.start_2": 0.1})], QUICK)
+    offsets = tuple(np.zeros_like(one.recording.points.xyz_m) for one in study.seen)
+    begin = {Unknown("bending_stiffness"): 3e-4, Unknown("torsional_stiffness"): 2e-4}
+    far = {**begin, Unknown("end_angle.start_1"): 0.3, Unknown("end_angle.end_2"): -0.3}
+    small = refit(study, Task({"end_angle": ("start_1", "start_2")}, (begin,), offsets, 1))
+    whole = ("start_1", "start_2", "end_1", "end_2")
+    large = as_it_was(study, Task({"end_angle": whole}, (far,), offsets, 1))
+    assert small is not None and large is not None and large.chi2 > small.chi2
+
+    def run(function, tasks, _what):  # type: ignore[no-untyped-def]
+        return [function(study, task) for task in tasks]
+
+    first, second, again = _nested(study, [small, large], run)  # type: ignore[arg-type]
+    assert (first, second) == (small, large)
+    assert again.unknowns == large.unknowns and again.chi2 < small.chi2 + 1e-3
+    # where the larger one is no worse nothing is done
+    assert _nested(study, [small, again], run) == [small, again]  # type: ignore[arg-type]
 
 
 def test_a_nuisance_stays_within_its_deviations() -> None:
