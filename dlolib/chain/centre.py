@@ -47,11 +47,8 @@ def centred_lines(lines: list[Floats], width: float, view: View, half_wave_px: f
         grid = _even(line, width)
         ends = [_beyond(part, partial(free, number), width) for part in (grid[::-1], grid)]
         grids.append(np.concatenate([ends[0][::-1], grid, ends[1]]))
-    rows, columns = np.nonzero(view.mask)
-    pixels = np.stack([columns, rows], axis=-1).astype(np.float64)
-    shares = view.coverage[view.mask].astype(np.float64)
     for _ in range(CENTRINGS):
-        grids = _centred(grids, pixels, shares, width, half_wave_px)
+        grids = _centred(grids, view.pixels, view.shares, width, half_wave_px)
     return grids
 
 

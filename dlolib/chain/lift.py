@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from dlolib.chain.centre import Sections, centred_lines, tangents
 from dlolib.chain.settings import ChainSettings
@@ -16,7 +15,6 @@ from dlolib.chain.smooth import noise_gain, smoothed
 from dlolib.chain.view import View
 from dlolib.types import Floats
 
-NEIGHBOURS, OUTLIER_RATIO = 12, 3.0
 PASSES = 3
 SMALLEST_SIGMA_M = 5e-4
 INTERIOR_SHARE = 0.8
@@ -85,19 +83,20 @@ def lift(
     by_outline, by_light = (max(share * settings.smooth_m / pitch, width) for share in (BY_OUTLINE, BY_LIGHT))
     grids = centred_lines(lines, width, view, by_outline)
     errors = [np.full(len(grid), LARGEST_ERROR_PX) for grid in grids]
-    cloud = _cloud(view)
-    radii = _radii(grids, cloud, width, view, radius_m)
+    sections = Sections.of(grids, view.pixels, width)
+    radii = _radii(grids, sections.take(view.read), width, view, radius_m)
     if fine:
         grids, errors = shaded_middles(grids, radii, radius_m > 0, view, by_light)
         radii = [stretched(radius, len(grid)) for radius, grid in zip(radii, grids, strict=True)]
-    readings = Sections.of(grids, view.pixel(cloud), width)
+        sections = Sections.of(grids, view.pixels, width)
+    readings = sections.take(view.read)
     strands = []
     beside = contested(grids, width)
-    full = whole(grids, radii, view, width)
+    full = whole(radii, view, sections)
     for number, grid in enumerate(grids):
         mine = readings.line == number
         strand = _read_depth(
-            grid, readings.take(mine), cloud[mine], beside[number], view, radius_m, width, settings
+            grid, readings.take(mine), view.cloud_m[mine], beside[number], view, radius_m, width, settings
         )
         if strand is not None:
             across = errors[number] * strand.points_m[:, 2] / view.focal
@@ -106,10 +105,12 @@ def lift(
     return strands
 
 
-def _radii(grids: list[Floats], cloud: Floats, width: float, view: View, radius_m: float) -> list[Floats]:
+def _radii(
+    grids: list[Floats], readings: Sections, width: float, view: View, radius_m: float
+) -> list[Floats]:
     """How large the rope's radius looks at each sample of each line, (N,) [px]; from the mask if unknown."""
     radius_m = radius_m or 0.5 * width * view.pitch()
-    readings = Sections.of(grids, view.pixel(cloud), width)
+    cloud = view.cloud_m
     radii = []
     for number, grid in enumerate(grids):
         mine = (readings.line == number) & (np.abs(readings.across) <= 0.5 * INTERIOR_SHARE * width)
@@ -136,20 +137,6 @@ def half_widths(grid: Floats, depth_m: Floats, view: View, radius_m: float) -> F
     along = tangents(grid)
     across = np.stack([-along[:, 1], along[:, 0]], axis=-1)
     return np.asarray(np.abs(np.einsum("ij,ij->i", edge - view.pixel(ray), across)))
-
-
-def _cloud(view: View) -> Floats:
-    """The rope's pixels with depth as points [m] (N, 3) in camera axes, statistical outliers removed."""
-    rows, columns = np.nonzero(view.mask)
-    depth = view.depth_m[rows, columns].astype(np.float64)
-    read = depth > 0
-    pixel = np.stack([columns, rows], axis=-1)[read].astype(np.float64)
-    cloud = view.space(pixel, depth[read])
-    if len(cloud) <= NEIGHBOURS:
-        return cloud
-    # As Open3D's `remove_statistical_outlier`, which takes thrice as long.
-    near = np.asarray(cKDTree(cloud).query(cloud, k=NEIGHBOURS, workers=-1)[0]).mean(axis=1)
-    return np.asarray(cloud[near < near.mean() + OUTLIER_RATIO * near.std(ddof=1)])
 
 
 def _read_depth(

@@ -96,11 +96,13 @@ def _around(view: View, radius: float) -> tuple[Floats, Floats, NDArray[np.bool_
 
 @dataclass(frozen=True)
 class _Line:
-    """The pixels of one line's sections, by sample: offset across [px], level; the radii (N,) [px]."""
+    """The pixels of one line's sections, a row each (S, W), up to the widest: which sample of the line (S,),
+    offset across [px], level, and whether there is a pixel; the radii (N,) [px] of all samples."""
 
     sample: NDArray[np.intp]
     across: Floats
     level: Floats
+    there: NDArray[np.bool_]
     radius: Floats
 
     @staticmethod
@@ -114,12 +116,16 @@ class _Line:
         trim = _trim(radius)
         mine &= (sections.sample >= trim) & (sections.sample < len(radius) - trim)
         order = np.flatnonzero(mine)[np.argsort(sections.sample[mine], kind="stable")]
-        return _Line(sections.sample[order], sections.across[order], levels[order], radius)
+        sample, first, count = np.unique(sections.sample[order], return_index=True, return_counts=True)
+        place = np.arange(count.max(initial=1))
+        there = place < count[:, None]
+        pixel = order[np.minimum(first[:, None] + place, len(order) - 1)]
+        return _Line(sample, sections.across[pixel], np.where(there, levels[pixel], 0.0), there, radius)
 
     def thinned(self, every: int) -> _Line:
         """The pixels of every so many samples."""
         some = self.sample % every == 0
-        return _Line(self.sample[some], self.across[some], self.level[some], self.radius)
+        return _Line(self.sample[some], self.across[some], self.level[some], self.there[some], self.radius)
 
 
 def _trim(radius: Floats) -> float:
@@ -129,7 +135,7 @@ def _trim(radius: Floats) -> float:
 
 @dataclass(frozen=True)
 class _Profile:
-    """The blurred parts of a section (PARTS, M) and their slopes over u = across / radius, at u (M,)."""
+    """The blurred parts of a section (M, PARTS) and their slopes over u = across / radius, at u (M,)."""
 
     u: Floats
     parts: Floats
@@ -150,12 +156,13 @@ class _Profile:
         window = 2 * round(0.5 * pixel / STEP) + 1
         parts = uniform_filter1d(parts, window, axis=1, mode="nearest")
         parts = gaussian_filter1d(parts, blur / STEP, axis=1, mode="nearest")
-        return _Profile(u, parts, np.gradient(parts, STEP, axis=1), size)
+        slopes = np.gradient(parts, STEP, axis=1)
+        return _Profile(u, np.ascontiguousarray(parts.T), np.ascontiguousarray(slopes.T), size)
 
     def at(self, u: Floats) -> tuple[Floats, Floats]:
-        """Parts and slopes, (N, PARTS) each."""
+        """Parts and slopes at u (...), (..., PARTS) each."""
         place = np.clip(np.round((u + REACH) / STEP).astype(int), 0, len(self.u) - 1)
-        return self.parts[:, place].T, self.slopes[:, place].T
+        return self.parts[place], self.slopes[place]
 
 
 @dataclass(frozen=True)
@@ -170,31 +177,30 @@ class _Fit:
 def _fit(line: _Line, profile: _Profile, half_wave: float) -> _Fit:
     """Fit the sections (N,), each together with its neighbours within half a wave."""
     count = len(line.radius)
-    radius = profile.size * line.radius[line.sample]
+    radius = profile.size * line.radius[line.sample, None]
     parts, slopes = profile.at(line.across / radius)
     half = int(0.5 * half_wave)
-    # Pixels are sorted by sample: sums over a window are differences of running sums.
+    # Sections are sorted by sample: sums over a window are differences of running sums.
     low = np.searchsorted(line.sample, np.arange(count) - half)
     high = np.searchsorted(line.sample, np.arange(count) + half + 1)
 
-    def summed(first: Floats, second: Floats) -> Floats:
-        """Sums over each sample's window of products (K, P): (N, K)."""
-        running = np.zeros((len(first), len(line.sample) + 1))
-        np.cumsum(first * second, axis=1, out=running[:, 1:])
-        return np.asarray((running[:, high] - running[:, low]).T)
+    def summed(sections: Floats) -> Floats:
+        """Sums over each sample's window of what the sections (S, ...) have: (N, ...)."""
+        running = np.zeros((len(sections) + 1, *sections.shape[1:]))
+        np.cumsum(sections, axis=0, out=running[1:])
+        return np.asarray(running[high] - running[low])
 
-    pixels = high - low
-    known = np.concatenate([parts.T, line.level[None]])
-    rows, columns = np.triu_indices(PARTS + 1)
+    pixels = summed(line.there.sum(axis=1))
+    known = np.concatenate([parts * line.there[..., None], line.level[..., None]], axis=2)
     # In the order parts, level, movement: the last is known only once the light is.
     both = np.empty((count, PARTS + 2, PARTS + 2))
-    both[:, rows, columns] = both[:, columns, rows] = summed(known[rows], known[columns])
+    both[:, :-1, :-1] = summed(known.transpose(0, 2, 1) @ known)
     prior = np.diag(PRIORS)
     light = np.linalg.solve(both[:, :PARTS, :PARTS] + prior, both[:, :PARTS, PARTS, None])[..., 0]
     # A section moved by d is bright as this one at across - d.
-    moving = -np.einsum("pk,pk->p", slopes, light[line.sample]) / radius
-    both[:, :-1, -1] = both[:, -1, :-1] = summed(known, moving)
-    both[:, -1, -1] = summed(moving[None], moving)[:, 0]
+    moving = (-(slopes @ light[line.sample, :, None])[..., 0] / radius) * line.there
+    both[:, :-1, -1] = both[:, -1, :-1] = summed((moving[:, None] @ known)[:, 0])
+    both[:, -1, -1] = summed((moving**2).sum(axis=1))
     unknown = [*range(PARTS), PARTS + 1]
     system = both[:, unknown][:, :, unknown] + np.pad(prior, ((0, 1), (0, 1))) + 1e-6 * np.eye(PARTS + 1)
     right = np.zeros((count, PARTS + 1, 2))

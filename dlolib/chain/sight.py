@@ -30,20 +30,17 @@ def contested(grids: list[Floats], width: float) -> list[NDArray[np.bool_]]:
     return np.split(beside, np.cumsum([len(grid) for grid in grids])[:-1])
 
 
-def whole(grids: list[Floats], radii_px: list[Floats], view: View, width: float) -> list[NDArray[np.bool_]]:
+def whole(radii_px: list[Floats], view: View, sections: Sections) -> list[NDArray[np.bool_]]:
     """Samples (N,) of each line whose section is not just a sliver that something leaves to be seen.
 
     Where less than half of the width shows, the rope's middle is hidden, and nothing tells where it is.
     How much a section should show, its radius [px] tells, (N,) each, up to what the mask leaves of all.
+    `sections` are those of the view's pixels.
     """
-    rows, columns = np.nonzero(view.mask)
-    pixels = np.stack([columns, rows], axis=-1).astype(np.float64)
-    sections = Sections.of(grids, pixels, width)
-    shares = view.coverage[view.mask].astype(np.float64)
     widths = []
-    for number, (grid, radius) in enumerate(zip(grids, radii_px, strict=True)):
+    for number, radius in enumerate(radii_px):
         mine = sections.line == number
-        across = np.bincount(sections.sample[mine], shares[mine], minlength=len(grid))
+        across = np.bincount(sections.sample[mine], view.shares[mine], minlength=len(radius))
         widths.append(uniform_filter1d(across, SLIVER_SAMPLES, mode="nearest") / radius)
     typical = float(np.quantile(np.concatenate(widths), WHOLE_QUANTILE))
     slivers = [across < SLIVER * typical for across in widths]

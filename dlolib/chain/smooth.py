@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.interpolate import BSpline
 from scipy.linalg import solveh_banded
+from scipy.sparse import csr_array
 from scipy.special import binom
 
 from dlolib.types import Floats
@@ -60,34 +61,40 @@ def noise_gain(weights: Floats, half_wave: float) -> Floats:
     if len(weights) <= ORDER or not weights.any():
         return np.full(len(weights), 1 / np.sqrt(mean))
     basis, banded = _system(weights, half_wave)
-    response = basis @ solveh_banded(banded, basis.T, check_finite=False)
+    response = basis @ solveh_banded(banded, basis.T.toarray(), check_finite=False)
     gain: Floats = np.sqrt((response**2) @ (weights / mean) / mean)
     return gain
 
 
-def _system(weights: Floats, half_wave: float) -> tuple[Floats, Floats]:
+def _system(weights: Floats, half_wave: float) -> tuple[csr_array, Floats]:
     """The splines (N, K) and their normal equations, in the upper banded form of scipy.linalg."""
-    basis, products, penalty = _splines(len(weights), half_wave)
-    return basis, penalty + products @ (weights / weights.mean() + TRACE)
+    basis, penalty = _splines(len(weights), half_wave)
+    weights = weights / weights.mean() + TRACE
+    # at each sample so many splines are not zero, one beside the other
+    first = basis.indices[::ORDER]
+    values = basis.data.reshape(-1, ORDER).T
+    banded = penalty.copy()
+    for i in range(ORDER):
+        for j in range(i, ORDER):
+            products = weights * values[i] * values[j]
+            banded[ORDER + i - j] += np.bincount(first + j, products, minlength=basis.shape[1])
+    return basis, banded
 
 
 @lru_cache(maxsize=32)
-def _splines(count: int, half_wave: float) -> tuple[Floats, Floats, Floats]:
-    """Splines evenly over so many samples, (count, K); what each sample adds to their normal equations,
-    (ORDER + 1, K, count); the penalty of their differences, (ORDER + 1, K). The last two are banded."""
+def _splines(count: int, half_wave: float) -> tuple[csr_array, Floats]:
+    """Splines evenly over so many samples, (count, K), and the penalty of their differences, (ORDER + 1, K),
+    banded."""
     steps = max(int(np.ceil((count - 1) / max(half_wave / SPLINES, 1.0))), 1)
     step = (count - 1) / steps
     knots = step * np.arange(-DEGREE, steps + DEGREE + 1)
     at = np.clip(np.arange(count, dtype=np.float64), 0, steps * step)
-    basis = BSpline.design_matrix(at, knots, DEGREE).toarray()
+    basis = BSpline.design_matrix(at, knots, DEGREE)
     splines = steps + DEGREE
-    products = np.zeros((ORDER + 1, splines, count))
-    for lag in range(ORDER):
-        products[ORDER - lag, lag:] = (basis[:, : splines - lag] * basis[:, lag:]).T
     differences = [(-1) ** (ORDER - k) * binom(ORDER, k) for k in range(ORDER + 1)]
     banded = np.zeros((ORDER + 1, splines))
     for k in range(ORDER + 1):
         for j in range(k, ORDER + 1):
             lag = j - k
             banded[ORDER - lag, j : splines - ORDER + j] += differences[k] * differences[j]
-    return basis, products, step * (half_wave / (np.pi * step)) ** (2 * ORDER) * banded
+    return basis, step * (half_wave / (np.pi * step)) ** (2 * ORDER) * banded
