@@ -6,6 +6,7 @@ Written in `autograd.numpy`, so that `autograd` gives the derivatives.
 from __future__ import annotations
 
 import autograd.numpy as anp
+import numpy as np
 
 from dlolib.types import Floats
 
@@ -14,66 +15,56 @@ from dlolib.types import Floats
 # and 1.5 rad a step would be no arc.
 TABLE_I_BOUNDS = (0.008, 1.5, 0.5, 0.05, 0.05)
 PARAMETERS = len(TABLE_I_BOUNDS)
-UP = (0.0, 0.0, 1.0)
-
-
-def rotate(vectors: Floats, axis: Floats, angle_rad: Floats) -> Floats:
-    """Turn vectors about a unit axis (Rodrigues' formula, the paper's τ∘rot(v, φ)).
-
-    Args:
-        vectors: shape (3,).
-        axis: unit vector, shape (3,).
-        angle_rad: shape (M,): one angle for each turned vector.
-
-    Returns:
-        Shape (M, 3).
-    """
-    angle = anp.reshape(angle_rad, (-1, 1))
-    along = anp.dot(vectors, axis) * axis
-    turned: Floats = (
-        along + anp.cos(angle) * (vectors - along) + anp.sin(angle) * anp.cross(axis, vectors)[None, :]
-    )
-    return turned
+ALONG_X, UP = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 
 
 def centre(parameters: Floats, a_m: Floats, b_m: Floats) -> Floats:
-    """Centre C [m], shape (3,), of the arc with parameters (φ, s, θ, Δx, Δz): (13) to (15)."""
-    _, share, _, right, up = parameters
-    across: Floats = b_m - a_m
-    middle: Floats = share * across + a_m + right * anp.array([1.0, 0.0, 0.0]) + up * anp.array(UP)
+    """Centres C [m], shape (..., 3), of arcs with parameters (φ, s, θ, Δx, Δz), (..., 5): (13) to (15)."""
+    moves = np.stack([np.zeros(3), b_m - a_m, np.zeros(3), ALONG_X, UP])
+    middle: Floats = anp.dot(parameters, moves) + a_m
     return middle
 
 
 def plane_normal(tilt_rad: Floats, a_m: Floats, b_m: Floats) -> Floats:
-    """Unit normal, shape (3,), of the plane of the arc, tilted by θ about the line AB: (16).
+    """Unit normals, shape (..., 3), of the planes of arcs, tilted by θ (...,) about the line AB: (16).
 
-    The paper's N has the length |D|; a rotation needs the direction alone.
+    The paper's N has the length |D|; a rotation needs the direction alone. D is the upright tilted about AB,
+    and N is normal to AB and D: it is the upright plane's own normal tilted as far.
     """
-    across = b_m - a_m
-    unit = across / anp.sqrt(anp.sum(across**2))
-    tilted = rotate(anp.array(UP), unit, anp.reshape(tilt_rad, (1,)))[0]
-    normal = -anp.cross(unit, tilted)
-    unit_normal: Floats = normal / anp.sqrt(anp.sum(normal**2))
-    return unit_normal
+    across = (b_m - a_m) / np.linalg.norm(b_m - a_m)
+    upright = np.cross(UP, across)
+    upright /= np.linalg.norm(upright)
+    tilt = anp.expand_dims(tilt_rad, -1)
+    normal: Floats = anp.cos(tilt) * upright + anp.sin(tilt) * np.cross(across, upright)
+    return normal
 
 
 def arc(parameters: Floats, from_m: Floats, a_m: Floats, b_m: Floats, steps: int) -> Floats:
-    """Points of one sub-trajectory, the paper's ε_1 .. ε_steps: (17).
+    """Points of sub-trajectories, the paper's ε_1 .. ε_steps: (17).
 
     (17) as printed lacks "+ C": the point is turned about C, ε_i = (ε_{i-1} - C)∘rot(N, φ) + C. The
-    centre and axis stay the same within a sub-trajectory, so its i-th point is the first turned by i φ.
+    centre and axis stay the same within a sub-trajectory, so its i-th point is the first turned by i φ
+    (Rodrigues' formula).
 
     Args:
-        parameters: (φ [rad a step], s, θ [rad], Δx [m], Δz [m]), shape (5,).
-        from_m: where the end is before the first step, shape (3,).
+        parameters: (φ [rad a step], s, θ [rad], Δx [m], Δz [m]), shape (..., 5).
+        from_m: where the end is before the first step, shape (..., 3).
         a_m, b_m: the path's beginning A and end B [m], shape (3,), not both at one place nor one above
             the other (the plane of (16) is then undefined).
         steps: number of points.
 
     Returns:
-        Positions [m], shape (steps, 3).
+        Positions [m], shape (..., steps, 3).
     """
     middle = centre(parameters, a_m, b_m)
-    normal = plane_normal(parameters[2], a_m, b_m)
-    turned: Floats = rotate(from_m - middle, normal, parameters[0] * anp.arange(1, steps + 1)) + middle
-    return turned
+    normal = plane_normal(parameters[..., 2], a_m, b_m)
+    spoke = from_m - middle
+    aside = anp.cross(normal, spoke)
+    along = anp.sum(normal * spoke, axis=-1, keepdims=True) * normal
+    angle = parameters[..., :1] * np.arange(1, steps + 1)
+    turned = (
+        anp.expand_dims(anp.cos(angle), -1) * anp.expand_dims(spoke - along, -2)
+        + anp.expand_dims(anp.sin(angle), -1) * anp.expand_dims(aside, -2)
+    )  # fmt: skip
+    points: Floats = turned + anp.expand_dims(along + middle, -2)
+    return points

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -68,6 +69,10 @@ class HeldRope:
 
     def start(self) -> tuple[State, Floats]:
         """See `DifferentiableRope`."""
+        return self._rest, self._rest.x[0]
+
+    @cached_property
+    def _rest(self) -> State:
         layout = self.layout
         guess = first_shape(
             layout.rope.length_m,
@@ -76,8 +81,7 @@ class HeldRope:
             layout.grasp,
             layout.gravity_m_s2,
         )
-        state = settle(self.scene, guess, self._path(layout.grasp.position_m[None])).final.at_rest()
-        return state, state.x[0]
+        return settle(self.scene, guess, self._path(layout.grasp.position_m[None])).final.at_rest()
 
     def forward(self, state: State, end_m: Floats) -> Piece:
         """See `DifferentiableRope`."""

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import autograd.numpy as anp
 import numpy as np
-from autograd import make_vjp
+from autograd import make_jvp, make_vjp
 from autograd.misc.flatten import flatten
 
 from dlolib.learn.arcs import PARAMETERS, arc
@@ -21,8 +20,6 @@ from dlolib.sim.clearance import clearance
 from dlolib.types import Floats, Layout
 
 TINY_M = 1e-6
-
-Back = Callable[[Floats], tuple[Floats, Floats, Floats, Floats]]
 
 
 @dataclass(frozen=True)
@@ -40,6 +37,20 @@ class Episode:
     goal: GoalError
     min_clearance_m: float
     gradient: Floats
+
+
+@dataclass(frozen=True)
+class Choices:
+    """What the controller was shown and what it chose, for each of k sub-trajectories.
+
+    seen_m (k, N, 3), previous (k, 5), the T_{i-1}; from_m (k, 3), where the commanded path had come to;
+    parameters (k, 5), the T_i.
+    """
+
+    seen_m: Floats
+    previous: Floats
+    from_m: Floats
+    parameters: Floats
 
 
 @dataclass(frozen=True)
@@ -62,48 +73,52 @@ class Learner:
         self.push_out = outside(layout.obstacles, gap_m)
         self.initial, self.first_m = rope.start()
         self.flat, self.unflatten = flatten(policy.weights)
+        self.each = settings.steps // settings.segments
 
-    def segment(self, weights: Floats, positions_m: Floats, previous: Floats, from_m: Floats) -> Floats:
-        """Lines 4 and 5 of Algorithm 2 for one sub-trajectory, differentiable.
+    def way(self, parameters: Floats, from_m: Floats) -> Floats:
+        """Line 5 of Algorithm 2: sub-trajectories and what the arm makes of them, differentiable.
 
         Args:
-            weights: all weights in one row.
-            positions_m: the rope's state (N, 3).
-            previous: T_{i-1}, shape (5,).
-            from_m: where the commanded path has come to, shape (3,).
+            parameters: T_i, shape (..., 5).
+            from_m: where the commanded path has come to, shape (..., 3).
 
         Returns:
-            In one row: the executed positions (M, 3), how far each is from the commanded one (M,), T_i (5,),
-            the last commanded position (3,).
+            In one row: the executed positions (M, 3), how far each is from the commanded one (M,), the last
+            commanded position (3,).
         """
-        steps = self.settings.steps // self.settings.segments
-        parameters = self.policy.parameters(self.unflatten(weights), positions_m, previous)
-        commanded = arc(parameters, from_m, self.a_m, self.b_m, steps)
+        commanded = arc(parameters, from_m, self.a_m, self.b_m, self.each)
         reach_m = REACH * self.layout.rope.length_m
         executed = self.push_out(within_reach(commanded, self.layout.start.position_m, reach_m))
-        held_back = anp.sqrt(anp.sum((commanded - executed) ** 2, axis=1) + TINY_M**2) - TINY_M
-        row: Floats = anp.concatenate((anp.ravel(executed), held_back, parameters, commanded[-1]))
+        held_back = anp.sqrt(anp.sum((commanded - executed) ** 2, axis=-1) + TINY_M**2) - TINY_M
+        flat = anp.reshape(executed, (*held_back.shape[:-1], -1))
+        row: Floats = anp.concatenate((flat, held_back, commanded[..., -1, :]), axis=-1)
         return row
 
     def episode(self, weights: Floats, want_gradient: bool = True) -> Episode:
         """Lines 3 to 8 of Algorithm 2: forward through all sub-trajectories, the loss, and back."""
-        state, now = self.initial, self.first_m
-        previous, from_m = np.zeros(PARAMETERS), self.a_m
+        layers = self.unflatten(weights)
+        state, seen = self.initial, [self.first_m]
+        chosen, come_to = [np.zeros(PARAMETERS)], [self.a_m]
         pieces: list[Piece] = []
-        backs: list[Back] = []
         executed: list[Floats] = []
-        chosen: list[Floats] = []
         held_back: list[Floats] = []
         for _ in range(self.settings.segments):
-            back, row = make_vjp(lambda v: self.segment(*v))((weights, now, previous, from_m))
-            end_m, back_m, previous, from_m = self._split(row)
-            held_back.append(back_m)
-            piece = self.rope.forward(state, end_m)
-            state, now = piece.state, piece.positions_m[-1]
+            chosen.append(self.policy.parameters(layers, seen[-1], chosen[-1]))
+            row = self.way(chosen[-1], come_to[-1])
+            end_m, back_m, reached_m = np.split(row, (3 * self.each, 4 * self.each))
+            piece = self.rope.forward(state, end_m.reshape(-1, 3))
+            state = piece.state
             pieces.append(piece)
-            backs.append(back)
-            executed.append(end_m)
-            chosen.append(previous)
+            executed.append(end_m.reshape(-1, 3))
+            held_back.append(back_m)
+            come_to.append(reached_m)
+            seen.append(piece.positions_m[-1])
+        choices = Choices(
+            seen_m=np.array(seen[:-1]),
+            previous=np.array(chosen[:-1]),
+            from_m=np.array(come_to[:-1]),
+            parameters=np.array(chosen[1:]),
+        )
         positions_m = np.concatenate([self.first_m[None], *(piece.positions_m[1:] for piece in pieces)])
         obstacles, radius_m = self.layout.obstacles, self.layout.rope.radius_m
         loss = path_loss(positions_m, self.policy.goal_m, obstacles, radius_m, self.settings)
@@ -111,37 +126,55 @@ class Learner:
         return Episode(
             positions_m=positions_m,
             end_m=np.concatenate(executed),
-            parameters=np.array(chosen),
+            parameters=choices.parameters,
             loss=loss.value + blocked.value,
             contacts=loss.contacts,
             goal=goal_error(positions_m[-1], self.policy.goal_m),
             min_clearance_m=float(clearance(positions_m, radius_m, obstacles).min()),
-            gradient=self._backward(pieces, backs, loss.d_positions, blocked.weights)
+            gradient=self._backward(weights, pieces, choices, loss.d_positions, blocked.weights)
             if want_gradient
             else np.zeros(0),
         )
 
     def _backward(
-        self, pieces: list[Piece], backs: list[Back], d_positions: Floats, d_back: Floats
+        self, weights: Floats, pieces: list[Piece], choices: Choices, d_positions: Floats, d_back: Floats
     ) -> Floats:
         """Line 8: the gradient by all weights, from the last sub-trajectory to the first.
 
         Three things cross from one sub-trajectory to the next: the rope's state, which the simulator
         takes back; its positions, which the controller saw; T_i and the commanded position.
         """
-        total: Floats = np.zeros_like(self.flat)
-        steps = self.settings.steps // self.settings.segments
+        by_choice, by_seen, by_previous = self._jacobians(weights, choices)
+        d_chosen = np.zeros_like(choices.parameters)
         d_state = None
         d_seen, d_previous, d_from = np.zeros_like(self.first_m), np.zeros(PARAMETERS), np.zeros(3)
         for i in reversed(range(len(pieces))):
-            d_piece = d_positions[i * steps : (i + 1) * steps + 1].copy()
+            steps = slice(i * self.each, (i + 1) * self.each)
+            d_piece = d_positions[steps.start : steps.stop + 1].copy()
             d_piece[0] = 0.0  # belongs to the piece before
             d_piece[-1] += d_seen
             d_end, d_state = self.rope.backward(pieces[i], d_piece, d_state)
-            row = np.concatenate((d_end.ravel(), d_back[i * steps : (i + 1) * steps], d_previous, d_from))
-            d_weights, d_seen, d_previous, d_from = backs[i](row)
-            total += d_weights
-        return total
+            d_choice = by_choice[i] @ np.concatenate((d_end.ravel(), d_back[steps], d_from))
+            d_chosen[i] = d_choice[:PARAMETERS] + d_previous
+            d_from = d_choice[PARAMETERS:]
+            d_seen, d_previous = (np.tensordot(d_chosen[i], by[i], 1) for by in (by_seen, by_previous))
+        back, _ = make_vjp(lambda w: self._chosen(w, choices.seen_m, choices.previous))(weights)
+        gradient: Floats = back(d_chosen)
+        return gradient
+
+    def _jacobians(self, weights: Floats, choices: Choices) -> tuple[Floats, Floats, Floats]:
+        """Of each row of `way` by T_i and where it begins, (k, 8, 4 M + 3); of T_i by the nodes that the
+        controller saw, (k, 5, N, 3), and by T_{i-1}, (k, 5, 5). All at once: each costs as much as one."""
+        inputs = np.concatenate((choices.parameters, choices.from_m), axis=1)
+        tiled, unit = _for_each(inputs, inputs.shape[1])
+        _, by_choice = make_jvp(lambda v: self.way(v[..., :PARAMETERS], v[..., PARAMETERS:]))(tiled)(unit)
+        seen_m, unit = _for_each(choices.seen_m, PARAMETERS)
+        previous, _ = _for_each(choices.previous, PARAMETERS)
+        back, _ = make_vjp(lambda v: self._chosen(weights, *v))((seen_m, previous))
+        return by_choice, *back(unit)
+
+    def _chosen(self, weights: Floats, seen_m: Floats, previous: Floats) -> Floats:
+        return self.policy.parameters(self.unflatten(weights), seen_m, previous)
 
     def _blocked(self, held_back: Floats) -> Blocked:
         """The held end's own term in (19): the mean of how far the arm is held back where it is."""
@@ -150,11 +183,6 @@ class Learner:
             return Blocked(0.0, np.zeros_like(held_back))
         weights = self.settings.contact_weight * where / self.settings.steps
         return Blocked(float(weights @ held_back), weights)
-
-    def _split(self, row: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        steps = self.settings.steps // self.settings.segments
-        end_m, back_m, parameters, from_m = np.split(row, np.cumsum((3 * steps, steps, PARAMETERS)))
-        return end_m.reshape(-1, 3), back_m, parameters, from_m
 
     def replayed(self, episode: Episode, rope: DifferentiableRope) -> Episode:
         """The same path with another rope: what becomes of it without the margin that it was learned with."""
@@ -172,3 +200,10 @@ class Learner:
     def trained(self, weights: Floats) -> Policy:
         """The policy with other weights."""
         return replace(self.policy, weights=self.unflatten(weights))
+
+
+def _for_each(values: Floats, count: int) -> tuple[Floats, Floats]:
+    """Values (k, ...) so many times, (k, count, ...), and a unit vector for each, (k, count, count)."""
+    shape = (len(values), count)
+    repeated = np.broadcast_to(values[:, None], (*shape, *values.shape[1:]))
+    return repeated, np.broadcast_to(np.eye(count), (*shape, count))
