@@ -1,17 +1,20 @@
 """Ropes that nobody holds, or one end alone: they fall, they swing, and they stay whole."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from sim.ropes import EI, GJ, GRAVITY, LEVEL, ROPE, pose
+from scipy.integrate import solve_bvp
+from sim.ropes import EI, GJ, GRAVITY, LEVEL, ROPE, pose, way_of
 
 from dlolib.errors import SimulationError
 from dlolib.sim import simulate
+from dlolib.sim.effects import LAWS, named
 from dlolib.sim.recording import RecordingModel
 from dlolib.sim.rod import Rod, scene
 from dlolib.sim.simulate import Clock, Path, Rollout, State, roll_out
-from dlolib.sim.start import first_shape, released
+from dlolib.sim.start import first_shape, released, settle
 from dlolib.types import Ends, Floats, Motion, Points, Recording
 
 FREE = Ends("free", "free")
@@ -136,3 +139,52 @@ def test_one_point_is_no_shape() -> None:
 def test_a_state_of_one_frame_is_the_first() -> None:
     rest = RecordingModel(recording(), 12, 0.01).at_rest(Rod(ROPE, EI, GJ, particles=12))
     assert isinstance(rest.final, State) and rest.x.shape[1] == 1
+
+
+# Moment over EI [1/m] of a rope that was straight, by its curvature [1/m].
+BENT_ONCE = {
+    "nonlinear_bending": ({"cubic": 0.002}, lambda k: k + 0.002 * k**3),
+    "plastic_bending": (
+        {"yield_curvature": 4.0, "hardening_ratio": 0.2},
+        lambda k: np.where(k < 4, k, 4 + (k - 4) * 0.2 / 1.2),
+    ),
+    "internal_friction": (
+        {"saturation_curvature": 3.0, "transition_curvature": 2.0},
+        lambda k: k + 3 * (1 - np.exp(-k / 2)),
+    ),
+    "viscoelastic_bending": ({"modulus_ratio": 0.5, "relaxation_time": 3.0}, lambda k: 1.5 * k),
+}
+
+
+def cantilever(
+    moment: Callable[[Floats], Floats], ei: float, load: float, length: float, s: Floats
+) -> Floats:
+    """x and z (len(s), 2) of a rope held level that sags under its weight [N/m]: M' = -w (L - s) cos θ."""
+    bends = np.linspace(0, 200, 400_001)
+
+    def slope(at: Floats, y: Floats) -> Floats:
+        bend = np.interp(y[1] / ei, moment(bends), bends)
+        return np.stack([-bend, -load * (length - at) * np.cos(y[0]), np.cos(y[0]), np.sin(y[0])])
+
+    def held(a: Floats, b: Floats) -> Floats:
+        return np.array([a[0], a[2], a[3], b[1]])
+
+    mesh = np.linspace(0, length, 201)
+    guess = np.stack([-0.5 * mesh, 0.3 * load * (length - mesh) ** 2, mesh, -0.2 * mesh])
+    found = solve_bvp(slope, held, mesh, guess, tol=1e-6, max_nodes=50_000)
+    assert found.success
+    return found.sol(s)[2:].T
+
+
+@pytest.mark.parametrize("law", [law.NAME for law in LAWS])
+def test_no_law_puts_a_moment_on_an_end_that_nobody_holds(law: str) -> None:
+    values, moment = BENT_ONCE[law]
+    ei = 1.5e-3
+    rod = Rod(ROPE, ei, ei, named(law, values))
+    made = scene([rod], GRAVITY, Ends("clamped", "free"))
+    guess = first_shape(ROPE.length_m, rod.particles, pose(0, 0, 0), None, GRAVITY)
+    shape = settle(made, guess, way_of(np.zeros((1, 3)))).final.x[0]
+    exact = cantilever(moment, ei, 0.04 * 9.81, ROPE.length_m, np.linspace(0, ROPE.length_m, rod.particles))
+    off = np.hypot(shape[:, 0] - exact[:, 0], shape[:, 2] - exact[:, 1])
+    assert exact[-1, 1] < -0.1 * ROPE.length_m
+    assert off.max() < 0.003 * ROPE.length_m

@@ -32,6 +32,7 @@ from dlolib.sim.effects import (
 )
 from dlolib.sim.effects.base import Effect, Law, Parameter, Setup
 from dlolib.sim.scene import LAWS as FIRST_COLUMN
+from dlolib.sim.scene import STIFFNESS
 
 # Moments in the joints; the step calls each of them by its place here, not by its name.
 LAWS: tuple[Law, ...] = (nonlinear_bending, plastic_bending, internal_friction, viscoelastic_bending)
@@ -127,7 +128,9 @@ def applied(setup: Setup, values: Mapping[str, float]) -> Setup:
         if law.NAME in given:
             column = FIRST_COLUMN + 2 * number
             pair = law.coefficients(_whole(law, given[law.NAME]))
-            setup = setup.with_joints(slice(column, column + 2), np.asarray(pair))
+            # the joint of an end that nobody holds has no stiffness, and no law puts a moment there
+            holds = setup.joints[:, [STIFFNESS]] > 0
+            setup = setup.with_joints(slice(column, column + 2), holds * np.asarray(pair))
             if any(pair) and not law.SYMMETRIC:
                 setup = setup.unsymmetric()
     return setup
