@@ -3,6 +3,10 @@
 Where several equilibria exist, the motion between two poses decides which one the rope settles in; here
 that motion is unknown, so each pose is restarted near the shape that was observed. All poses are one
 batch.
+
+What a rope remembers the way decides, too. An end that turns while the other hangs free can hardly have gone
+another way than the one between two rows: a rope that remembers follows it, and settles before it is seen.
+Between two held ends the way stays unknown, and each pose is reached from straight at once.
 """
 
 from __future__ import annotations
@@ -17,11 +21,23 @@ from dlolib.formats import interpolate_motion
 from dlolib.sim.differentiate import Case, Variation, sensitivities
 from dlolib.sim.effects.base import Setup
 from dlolib.sim.observe import point_weights, viewing_axis
-from dlolib.sim.recording import Prediction, RecordingModel, Sides, as_seen, held_path, largest_step, sides_of
+from dlolib.sim.recording import (
+    Prediction,
+    RecordingModel,
+    Sides,
+    as_seen,
+    held_path,
+    largest_step,
+    sides_of,
+    traced,
+)
 from dlolib.sim.rod import Rod, scene_of, setup
 from dlolib.sim.simulate import Path, Rollout, State
 from dlolib.sim.start import curve_through, frames_along, settle
 from dlolib.types import Floats, Ints, Motion, Pose, Recording
+
+# Share of the time between two poses in which the ends go from one to the other.
+UNDERWAY = 0.1
 
 
 @dataclass(frozen=True)
@@ -30,6 +46,23 @@ class PosesModel:
 
     recording: Recording
     particles: int
+
+    @cached_property
+    def _followed(self) -> RecordingModel:
+        """The poses as one motion in the order recorded."""
+        rows = self.recording.motion
+        arrived_s = rows.t_s[:-1] + UNDERWAY * np.diff(rows.t_s)
+        t_s = np.insert(rows.t_s, np.arange(1, len(rows.t_s)), arrived_s)
+        # each row but the first when it is reached, and when the next way begins
+        stands = np.repeat(np.arange(len(rows.t_s)), 2)[1:]
+        motion = Motion(
+            t_s, rows.start_m[stands], rows.start_q[stands], rows.end_m[stands], rows.end_q[stands]
+        )
+        return RecordingModel(replace(self.recording, motion=motion), self.particles, None)
+
+    def _remembers(self, made: Setup) -> bool:
+        ends = self.recording.ends
+        return made.path_dependent and "free" in (ends.start, ends.end)
 
     @cached_property
     def _which(self) -> Ints:
@@ -59,16 +92,19 @@ class PosesModel:
         return setup(rod, rec.gravity_m_s2, rec.ends, rec.obstacles)
 
     def roll_out(self, rod: Rod) -> Rollout:
-        """Every pose's equilibrium: one rope a frame, index 1 is the settled shape."""
+        """Every pose's equilibrium by itself: one rope a frame, index 1 is the settled shape."""
         case = self._case(self.setup(rod))
         return settle(case.scene, self._start, case.path)
 
     def predict(self, rod: Rod, parameters: Sequence[str] = ()) -> Prediction:
         """Simulate the recording's points and, by forward sensitivities, their derivatives."""
+        rod = traced(rod, parameters)
         return self.respond(rod, [sides_of(self, rod, name) for name in parameters])
 
     def respond(self, rod: Rod, sides: Sequence[Sides]) -> Prediction:
         """The same with derivatives by whatever tells each two set-ups from the rod's own."""
+        if self._remembers(self.setup(rod)):
+            return self._followed.respond(rod, sides)
         rollout = self.roll_out(rod)
         weights, which, axis = self._weights, self._which, viewing_axis(self.recording)
         xyz = np.einsum("pn,pnk->pk", weights, rollout.x[which, 1])

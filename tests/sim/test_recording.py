@@ -9,10 +9,11 @@ from sim.ropes import EI, GJ, GRAVITY, LEVEL, ROPE, swing
 from dlolib.errors import ParameterError
 from dlolib.identify import IdentifySettings, identify
 from dlolib.sim.continuum import simulated
+from dlolib.sim.effects import named
 from dlolib.sim.poses import PosesModel, model_of
 from dlolib.sim.recording import RecordingModel
 from dlolib.sim.rod import Rod
-from dlolib.types import Ends, Motion, Points, Recording
+from dlolib.types import Ends, Floats, Motion, Points, Recording
 
 FRAMES, SEEN = 6, 12
 
@@ -84,6 +85,58 @@ def test_settled_poses_are_solved_one_by_one() -> None:
     each, one = model.predict(rod, ["bending_stiffness"]), whole.predict(rod, ["bending_stiffness"])
     assert np.abs(each.xyz_m - one.xyz_m).max() < 1e-8
     assert np.abs(each.by_parameter - one.by_parameter).max() < 1e-6 * np.abs(one.by_parameter).max()
+
+
+def poses(degrees: Floats, ends: Ends) -> Recording:
+    """A rope seen at each of some angles about y to which its start was turned."""
+    t_s, count = 30.0 * np.arange(len(degrees)), len(degrees)
+    half = np.deg2rad(degrees) / 2
+    turned = np.stack([np.cos(half), 0 * half, np.sin(half), 0 * half], axis=1)
+    still = np.tile([0.2, 0.0, 0.3], (count, 1))
+    motion = Motion(t_s, np.zeros((count, 3)), turned, still, np.tile([1.0, 0, 0, 0], (count, 1)))
+    tips = Points(np.arange(count), t_s, np.full(count, 0.445), np.zeros((count, 3)))
+    return Recording("made", ROPE, GRAVITY, ends, motion, tips, quasi_static=True)
+
+
+RUBS = Rod(ROPE, 5 * EI, GJ, named("internal_friction", {"saturation_curvature": 3.0}), particles=20)
+
+
+def test_a_rope_that_remembers_follows_the_order_of_settled_poses() -> None:
+    """From either side it comes to another shape at the same angle; an elastic one to the same."""
+    hanging = Ends("clamped", "free")
+    to_and_fro, back = np.array([90.0, 120, 150, 120, 90]), np.array([150.0, 120, 90])
+    made, other = (model_of(poses(way, hanging), 20, None) for way in (to_and_fro, back))
+    assert isinstance(made, PosesModel)
+    rubs, plain = (made.predict(rod).xyz_m for rod in (RUBS, replace(RUBS, effects={})))
+    assert np.abs(plain[[0, 1]] - plain[[4, 3]]).max() < 1e-6
+    assert np.linalg.norm(rubs[[0, 1]] - rubs[[4, 3]], axis=1).min() > 0.005
+    assert np.linalg.norm(rubs[1:4] - other.predict(RUBS).xyz_m[[1, 0, 1]], axis=1).min() > 0.002
+
+
+def test_some_of_the_settled_poses_come_out_as_all_of_them() -> None:
+    """Those between are passed, too; that the rope turns there is a share of a step late."""
+    made = poses(np.array([90.0, 120, 150, 120, 90]), Ends("clamped", "free"))
+    some = [0, 1, 4]
+    points = Points(
+        *(part[some] for part in (np.arange(5), made.points.t_s, made.points.s_m, made.points.xyz_m))
+    )
+    whole = PosesModel(made, 20).predict(RUBS).xyz_m[some]
+    assert np.abs(PosesModel(replace(made, points=points), 20).predict(RUBS).xyz_m - whole).max() < 2.5e-4
+
+
+def test_what_settles_has_relaxed() -> None:
+    """A viscous rope is seen as an elastic one, long after it came there."""
+    viscous = {"modulus_ratio": 0.5, "relaxation_time": 2.0}
+    made = model_of(poses(np.array([90.0, 120, 150]), Ends("clamped", "free")), 20, None)
+    slack, plain = (replace(RUBS, effects=e) for e in (named("viscoelastic_bending", viscous), {}))
+    off = np.linalg.norm(made.predict(slack).xyz_m - made.predict(plain).xyz_m, axis=1)
+    assert off[0] > 0.005 and off[1:].max() < 1e-3
+
+
+def test_between_two_held_ends_each_settled_pose_is_reached_from_straight() -> None:
+    way = np.array([90.0, 100, 110, 100, 90])
+    found = model_of(poses(way, Ends("clamped", "clamped")), 20, None).predict(RUBS).xyz_m
+    assert np.abs(found[[0, 1]] - found[[4, 3]]).max() < 1e-6
 
 
 def test_frames_close_to_each_other_are_interpolated() -> None:
