@@ -274,25 +274,27 @@ def _more(task: Task, have: Terms) -> int:
     return sum(len(parts) for name, parts in task.terms.items() if name not in have)
 
 
-def _best_forms(study: Study, found: Sequence[Fitted]) -> list[Fitted]:
-    """Of each set of effects the form of least BIC."""
-    best: dict[tuple[str, ...], Fitted] = {}
+def _by_effects(study: Study, found: Sequence[Fitted], margin: float) -> list[Fitted]:
+    """Of each set of effects the form of least BIC, and those that are behind it by less than a margin."""
+    least: dict[Effects, float] = {}
     for one in found:
         key = tuple(sorted(one.effects))
-        if key not in best or one.bic(study.frames) < best[key].bic(study.frames):
-            best[key] = one
-    return list(best.values())
+        least[key] = min(one.bic(study.frames), least.get(key, np.inf))
+    return [one for one in found if one.bic(study.frames) <= least[tuple(sorted(one.effects))] + margin]
 
 
 def _refined(
     study: Study, found: Sequence[Fitted], baseline: Fitted, run: Workers, what: str
 ) -> list[Fitted]:
-    """The best forms; those that gain and are near the best with the mesh's error at their own optimum."""
-    fits = _best_forms(study, found)
+    """The best forms; those that gain and are near the best with the mesh's error at their own optimum.
+
+    That error is worth as much as forms differ by: which is the best shows with it alone.
+    """
+    fits = _by_effects(study, found, NEAR_PRUNED)
     near = _near(study, fits, baseline)
     again = run(refit, [task_from(one) for one in near], f"{what}, refined")
-    better = {one.effects: new for one, new in zip(near, again, strict=True) if new is not None}
-    return [better.get(one.effects, one) for one in fits]
+    better = {id(one): new for one, new in zip(near, again, strict=True) if new is not None}
+    return _by_effects(study, [better.get(id(one), one) for one in fits], 0.0)
 
 
 def _near(study: Study, fits: Sequence[Fitted], baseline: Fitted) -> list[Fitted]:
