@@ -11,9 +11,9 @@ import numpy as np
 from mujoco import minimize
 from scipy.optimize import least_squares
 
-from dlolib.identify.identify import CORRECTIONS, FINER
-from dlolib.sim.continuum import mesh_error, refined
-from dlolib.sim.recording import RecordingModel
+from dlolib.identify import FINER
+from dlolib.sim.continuum import MOST_CORRECTIONS, mesh_error, refined, stands
+from dlolib.sim.recording import Prediction, RecordingModel
 from dlolib.sim.rod import Rod
 from dlolib.sim.simulate import Clock, Rollout
 from dlolib.types import Ends, Floats, Points, Recording
@@ -64,7 +64,7 @@ def spread() -> Iterator[Figure]:
     """
     recording = clean(Rod(ROPE, EI, GJ, particles=240), 1e-3, 20)
     said, spreads = [], []
-    for corrections in (CORRECTIONS, 0):
+    for corrections in (MOST_CORRECTIONS, 0):
         grid = [(n, step_s) for n in (15, 30, 60, 120) for step_s in (0.005, 0.01, 0.02)]
         found = [_fit_ours(recording, n, step_s, 1.5 * EI, corrections)[0] for n, step_s in grid]
         spreads.append(100 * (max(found) - min(found)) / EI)
@@ -88,18 +88,27 @@ def _fit_ours(
     def rod(theta: Floats) -> Rod:
         return Rod(ROPE, float(np.exp(theta[0])), GJ, particles=n)
 
+    last: list[tuple[Floats, Prediction]] = []
+
+    def predicted(theta: Floats) -> Prediction:
+        # points and derivatives come from one simulation
+        if not last or not np.array_equal(last[0][0], theta):
+            last[:] = [(theta.copy(), model.predict(rod(theta), ["bending_stiffness"]))]
+        return last[0][1]
+
     def residual(theta: Floats) -> Floats:
-        return np.asarray((model.predict(rod(theta)).xyz_m + offset - true).ravel())
+        return np.asarray((predicted(theta).xyz_m + offset - true).ravel())
 
     def jacobian(theta: Floats) -> Floats:
-        by = model.predict(rod(theta), ["bending_stiffness"]).by_parameter
-        return np.asarray(by.reshape(-1, 1) * np.exp(theta[0]))
+        return np.asarray(predicted(theta).by_parameter.reshape(-1, 1) * np.exp(theta[0]))
 
     for number in range(corrections + 1):
         end = least_squares(residual, theta, jacobian, x_scale=[0.1], xtol=1e-6)
         theta = end.x
         if number < corrections:
-            offset = mesh_error(model, refined(model, FINER), rod(theta))
+            before, offset = offset, mesh_error(model, refined(model, FINER), rod(theta))
+            if stands(before, offset, ROPE.length_m):
+                break
     return float(np.exp(theta[0])), float(end.cost)
 
 

@@ -15,7 +15,7 @@ from dlolib.identify.intervals import bootstrap
 from dlolib.identify.parameters import ACTS_M, LOGARITHM_SCALE, Unknown, acting, candidates
 from dlolib.identify.problem import Bools, Problem, axes, check_one_object
 from dlolib.progress import track
-from dlolib.sim.continuum import mesh_error, refined
+from dlolib.sim.continuum import MOST_CORRECTIONS, mesh_error, refined, stands
 from dlolib.sim.poses import model_of, near
 from dlolib.sim.recording import dynamic_step
 from dlolib.sim.rod import Rod, unit_of
@@ -24,8 +24,8 @@ from dlolib.types import Estimate, Fit, Floats, Recording
 # EI over linear density where the search begins [m^4/s^2]: a decade either side is tried as well.
 FIRST_STIFFNESS_M4_S2 = (1e-3, 1e-2, 1e-1)
 START_FACTORS = (1.0, 0.1, 10.0)
-# The mesh of the discretisation correction, and how often it is made anew at the fit's own optimum.
-FINER, CORRECTIONS = 4, 2
+# The mesh of the discretisation correction, so many times as fine.
+FINER = 4
 
 
 @dataclass(frozen=True)
@@ -118,8 +118,12 @@ def identify(
     problem, theta = _acting_only(problem, theta, settings)
     history: list[Floats] = []
     theta = _best_start(problem, theta, settings, history)
-    for _ in track(range(CORRECTIONS), "what the mesh leaves out"):
-        problem = _corrected(problem, theta, settings)
+    for _ in track(range(MOST_CORRECTIONS), "what the mesh leaves out"):
+        better = _corrected(problem, theta, settings)
+        lengths = [recording.rope.length_m for recording in recordings]
+        if all(map(stands, problem.offsets, better.offsets, lengths)):
+            break
+        problem = better
         theta = _solve(problem, theta, settings, history).x
     low, high = bootstrap(problem, theta, settings.bootstrap, settings.seed)
     # frames that a recording declares as held out were never in the fit; of others the last are left out now
@@ -221,8 +225,9 @@ def _keeping_rods(problem: Problem, theta: Floats, positions: Sequence[int]) -> 
 def _corrected(problem: Problem, theta: Floats, settings: IdentifySettings) -> Problem:
     """The problem with what the continuous rod adds to the shapes at theta.
 
-    That hardly depends on the parameters, so that the fit returns those of the continuous rod. The iterative
-    solver's stiffness depends on its mesh altogether and is left as it is.
+    That depends little on the parameters: made anew at the fit's own optimum until it stands, it lets the fit
+    return those of the continuous rod. The iterative solver's stiffness depends on its mesh altogether and is
+    left as it is.
     """
     if settings.sweeps is not None:
         return problem

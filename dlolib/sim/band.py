@@ -23,20 +23,20 @@ def factor(
 ) -> int:
     """A = L U in place: row r then holds 1 / U[r, r] and row r of U, `lower` column r of L.
 
-    Of a `symmetric` A only the upper part is read. With `definite` = 1 a pivot that is not positive breaks it
-    down (an energy has no minimum there); with 0 only one that is zero does. Returns 0, or r + 1 where it
-    broke.
+    Of a `symmetric` A only the upper part is read and written: there L[k, r] is U[r, k] / U[r, r]. With
+    `definite` = 1 a pivot that is not positive breaks it down (an energy has no minimum there); with 0 only
+    one that is zero does. Returns 0, or r + 1 where it broke.
     """
     failed = 0
     if symmetric == 1:
-        failed = factor_symmetric(upper, lower, m, rows, definite)
+        failed = factor_symmetric(upper, m, rows, definite)
     else:
         failed = factor_general(upper, lower, m, rows, definite)
     return failed
 
 
 @ti.func
-def factor_symmetric(upper: ti.template(), lower: ti.template(), m: int, rows: int, definite: int) -> int:
+def factor_symmetric(upper: ti.template(), m: int, rows: int, definite: int) -> int:
     """See `factor`. Three rows at once; what they change, a triangle of nine, stays in registers."""
     failed = 0
     window = triangle(0.0)
@@ -50,15 +50,14 @@ def factor_symmetric(upper: ti.template(), lower: ti.template(), m: int, rows: i
             if failed == 0 and not (pivot > 0.0 or (definite == 0 and pivot < 0.0)):
                 failed = r + s + 1
             inverse = 1.0 / pivot
-            row, column = row_type(0.0), row_type(0.0)
+            row = row_type(0.0)
             row[0] = inverse
             for i in ti.static(range(s + 1, HALF + 1)):
                 row[i - s] = window[PLACE[s] + i - s]
                 share = row[i - s] * inverse
-                column[i - s] = share
                 for k in ti.static(range(HALF + 1 - i)):
                     window[PLACE[i] + k] -= share * window[PLACE[s] + i - s + k]
-            upper[m, r + s], lower[m, r + s] = row, column
+            upper[m, r + s] = row
         for i in ti.static(range(HALF + 1)):
             # a row past the end is read once, and not used
             following = upper[m, ti.min(r + 3 + i, rows + HALF - 1)]
@@ -115,7 +114,10 @@ def factor_general(upper: ti.template(), lower: ti.template(), m: int, rows: int
 
 
 @ti.func
-def solve(upper: ti.template(), lower: ti.template(), m: int, y: ti.template(), b: int, c: int, rows: int):
+def solve(
+    upper: ti.template(), lower: ti.template(), m: int, y: ti.template(), b: int, c: int, rows: int,
+    symmetric: int,
+):  # fmt: skip
     """Column c of y[b]: y <- A^-1 y, with the factors that `factor` left in upper[m] and lower[m]."""
     # a window of the eight unknowns ahead, or behind on the way back, stays in registers
     ahead = vec8(0.0)
@@ -124,10 +126,14 @@ def solve(upper: ti.template(), lower: ti.template(), m: int, y: ti.template(), 
     for r in range(rows):
         value = ahead[0]
         y[b, c, r] = value
-        column = lower[m, r]
+        column, share = upper[m, r], value
+        if symmetric == 1:
+            share = value * column[0]
+        else:
+            column = lower[m, r]
         for k in ti.static(range(HALF - 1)):
-            ahead[k] = ahead[k + 1] - column[k + 1] * value
-        ahead[HALF - 1] = y[b, c, r + HALF] - column[HALF] * value
+            ahead[k] = ahead[k + 1] - column[k + 1] * share
+        ahead[HALF - 1] = y[b, c, r + HALF] - column[HALF] * share
     behind = vec8(0.0)
     for back in range(rows):
         r = rows - 1 - back
@@ -160,22 +166,9 @@ def solve_transposed(
 
 
 @ti.func
-def times_column(
-    upper: ti.template(), lower: ti.template(), m: int, y: ti.template(), b: int, c: int, r: int
-) -> float:
-    """(A^T y)[r] for column c of y[b] and an A that is not factored, both its parts written."""
-    value = upper[m, r][0] * y[b, c, r]
-    for k in ti.static(range(1, HALF + 1)):
-        value += lower[m, r][k] * y[b, c, r + k]
-        if r - k >= 0:
-            value += upper[m, r - k][k] * y[b, c, r - k]
-    return value
-
-
-@ti.func
-def entry(upper: ti.template(), lower: ti.template(), m: int, r: int, c: int) -> float:
-    """A[r, c] within the band, not factored."""
-    value = lower[m, ti.min(r, c)][ti.abs(r - c)]
-    if c >= r:
-        value = upper[m, r][c - r]
+def entry(upper: ti.template(), lower: ti.template(), m: int, r: int, c: int, symmetric: int) -> float:
+    """A[r, c] within the band, not factored; of a `symmetric` A from its upper part."""
+    value = upper[m, ti.min(r, c)][ti.abs(r - c)]
+    if symmetric == 0 and c < r:
+        value = lower[m, c][r - c]
     return value

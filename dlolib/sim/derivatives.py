@@ -28,7 +28,7 @@ from dlolib.sim.assembly import (
     vectors3,
     vectors4,
 )
-from dlolib.sim.band import HALF, entry, solve, solve_transposed, times_column
+from dlolib.sim.band import HALF, solve, solve_transposed
 from dlolib.sim.joints import HISTORY, law_acts, laws_act
 from dlolib.sim.runtime import APART, mat2, mat3, ti, vec2, vec3
 from dlolib.sim.scene import DRAG, INERTIA, SAMPLES
@@ -95,19 +95,73 @@ def gathered(y: ti.template(), b: int, c: int, p: int, j: int) -> vec3:
 
 @ti.func
 def bent_of(bent: ti.template(), b: int, c: int, i: int) -> vec2:
-    """What `keep_bent` kept last."""
+    """What `bend_laws` kept last of joint i: how its two curvatures [1/m] change with parameter c."""
     return vec2(bent[b, c, i, 0], bent[b, c, i, 1])
 
 
 @ti.func
 def keep_bent(
     bent: ti.template(), turn: ti.template(), q: ti.template(), joints: ti.template(), steps: ti.template(),
-    b: int, c: int, t: int, i: int,
+    b: int, t: int,
 ):  # fmt: skip
-    """Into bent[b, c, i] how joint i's two curvatures [1/m] change at index t, from turns [b, c, frame]."""
-    length, _before = joint_lengths(joints, steps, b, t, i)
-    change = rotations_to_strain(q[b, t, i], q[b, t, i + 1], turn[b, c, i], turn[b, c, i + 1]) / length
-    bent[b, c, i, 0], bent[b, c, i, 1] = change[0], change[1]
+    """Into bent[b, c, i] how the curvatures of joints with laws change at index t, from turns [b, c]."""
+    for i in range(joints.shape[1]):
+        if laws_act(joints, b, i):
+            length, _before = joint_lengths(joints, steps, b, t, i)
+            _phi, w, v, c0, c1, _c2 = darboux(q[b, t, i], q[b, t, i + 1])
+            for c in range(bent.shape[1]):
+                change = rotations_to_strain(w, v, c0, c1, turn[b, c, i], turn[b, c, i + 1]) / length
+                bent[b, c, i, 0], bent[b, c, i, 1] = change[0], change[1]
+
+
+@ti.func
+def pull_of_laws(
+    y: ti.template(), q: ti.template(), joints: ti.template(), bends: ti.template(), bent: ti.template(),
+    d_past: ti.template(), b: int, t: int, m: int, fresh: int,
+):  # fmt: skip
+    """Into y[b, c] minus what the laws' moments at index t owe to the curvatures and histories before."""
+    for i in range(joints.shape[1]):
+        if laws_act(joints, b, i):
+            _phi, w, v, c0, c1, _c2 = darboux(q[b, t, i], q[b, t, i + 1])
+            for c in range(bent.shape[1]):
+                before = bent_of(bent, b, c, i) * (1 - fresh)
+                moment = vec3(0.0)
+                for k in range(bends.shape[2]):
+                    if law_acts(joints, b, i, k):
+                        h = vec2(d_past[b, c, i, 3 * k], d_past[b, c, i, 3 * k + 1])
+                        change = block2(bends, m, i, k, 0) @ before + block2(bends, m, i, k, 1) @ h
+                        moment += vec3(change[0], change[1], 0.0)
+                ga, gb = moment_to_rotations(w, v, c0, c1, moment)
+                for k in ti.static(range(3)):
+                    y[b, c, 6 * i + 3 + k] -= ga[k]
+                    y[b, c, 6 * i + 9 + k] -= gb[k]
+
+
+@ti.func
+def remember_laws(
+    next_turn: ti.template(), q: ti.template(), steps: ti.template(), joints: ti.template(),
+    bends: ti.template(), bent: ti.template(), by_past: ti.template(), d_past: ti.template(), b: int, t: int,
+    m: int, fresh: int,
+):  # fmt: skip
+    """The derivatives of the laws' histories and curvatures from those at index t - 1 to those at t."""
+    for i in range(joints.shape[1]):
+        if laws_act(joints, b, i):
+            length, _before = joint_lengths(joints, steps, b, t, i)
+            _phi, w, v, c0, c1, _c2 = darboux(q[b, t, i], q[b, t, i + 1])
+            for c in range(bent.shape[1]):
+                before = bent_of(bent, b, c, i) * (1 - fresh)
+                change = (
+                    rotations_to_strain(w, v, c0, c1, next_turn[b, c, i], next_turn[b, c, i + 1]) / length
+                )
+                now = vec2(change[0], change[1])
+                for k in range(bends.shape[2]):
+                    if law_acts(joints, b, i, k):
+                        h = vec2(d_past[b, c, i, 3 * k], d_past[b, c, i, 3 * k + 1])
+                        h = block2(bends, m, i, k, 4) @ h
+                        h += block2(bends, m, i, k, 2) @ now + block2(bends, m, i, k, 3) @ before
+                        for j in ti.static(range(2)):
+                            d_past[b, c, i, 3 * k + j] = h[j] + by_past[m, c, i, 3 * k + j]
+                bent[b, c, i, 0], bent[b, c, i, 1] = now[0], now[1]
 
 
 @ti.kernel
@@ -125,8 +179,7 @@ def sensitivities(
     symmetric: ti.i32,
     upper: bands,
     lower: bands,
-    whole_upper: bands,
-    whole_lower: bands,
+    columns: scalars4,
     y: scalars3,
     bends: scalars4,
     rubs: scalars3,
@@ -158,10 +211,7 @@ def sensitivities(
         b = lane // APART
         n = x.shape[2]
         rows = 6 * (n + 1)
-        for c in range(last.shape[1]):
-            for i in range(n):
-                if laws_act(joints, b, i):
-                    keep_bent(bent, turn, q, joints, steps, b, c, 0, i)
+        keep_bent(bent, turn, q, joints, steps, b, 0)
         for t in range(1, x.shape[1]):
             m = b * (x.shape[1] - 1) + t - 1
             for c in range(last.shape[1]):
@@ -176,19 +226,8 @@ def sensitivities(
                         pull = (inertia + drag) * last[b, c, p] + inertia * momentum * ratio * moved
                         for k in ti.static(range(3)):
                             y[b, c, 6 * (p + 1) + k] += pull[k]
-                for i in range(n):
-                    if laws_act(joints, b, i):
-                        before = bent_of(bent, b, c, i) * (1 - fresh)
-                        moment = vec3(0.0)
-                        for k in range(bends.shape[2]):
-                            if law_acts(joints, b, i, k):
-                                h = vec2(d_past[b, c, i, 3 * k], d_past[b, c, i, 3 * k + 1])
-                                change = block2(bends, m, i, k, 0) @ before + block2(bends, m, i, k, 1) @ h
-                                moment += vec3(change[0], change[1], 0.0)
-                        ga, gb = moment_to_rotations(q[b, t, i], q[b, t, i + 1], moment)
-                        for k in ti.static(range(3)):
-                            y[b, c, 6 * i + 3 + k] -= ga[k]
-                            y[b, c, 6 * i + 9 + k] -= gb[k]
+            pull_of_laws(y, q, joints, bends, bent, d_past, b, t, m, fresh)
+            for c in range(last.shape[1]):
                 if d_slip.shape[2] > 1 and fresh == 0:
                     for p in range(n):
                         for j in range(SAMPLES):
@@ -204,11 +243,9 @@ def sensitivities(
                             for r in range(ti.max(row - HALF, 0), ti.min(row + HALF + 3, rows)):
                                 for j in ti.static(range(3)):
                                     if ti.abs(row + j - r) <= HALF:
-                                        y[b, c, r] -= (
-                                            entry(whole_upper, whole_lower, m, r, row + j) * moved[j]
-                                        )
+                                        y[b, c, r] -= columns[m, k - 1, j, r - row - j + HALF] * moved[j]
                 clear_held(y, b, c, n, b, grips, clamped)
-                solve(upper, lower, m, y, b, c, rows)
+                solve(upper, lower, m, y, b, c, rows, symmetric)
                 for k in range(ENDS):
                     row = row_of(k, n)
                     if is_held(k, b, grips, clamped):
@@ -217,18 +254,6 @@ def sensitivities(
                             y[b, c, row + j] = moved[j]
                 for i in range(n + 1):
                     next_turn[b, c, i] = vec3(y[b, c, 6 * i + 3], y[b, c, 6 * i + 4], y[b, c, 6 * i + 5])
-                for i in range(n):
-                    if laws_act(joints, b, i):
-                        before = bent_of(bent, b, c, i) * (1 - fresh)
-                        keep_bent(bent, next_turn, q, joints, steps, b, c, t, i)
-                        now = bent_of(bent, b, c, i)
-                        for k in range(bends.shape[2]):
-                            if law_acts(joints, b, i, k):
-                                h = vec2(d_past[b, c, i, 3 * k], d_past[b, c, i, 3 * k + 1])
-                                h = block2(bends, m, i, k, 4) @ h
-                                h += block2(bends, m, i, k, 2) @ now + block2(bends, m, i, k, 3) @ before
-                                for j in ti.static(range(2)):
-                                    d_past[b, c, i, 3 * k + j] = h[j] + by_past[m, c, i, 3 * k + j]
                 if d_slip.shape[2] > 1 and fresh == 0:
                     for p in range(n):
                         for j in range(SAMPLES):
@@ -238,14 +263,16 @@ def sensitivities(
                                 held = block3(rubs, m, k, 10) @ held
                                 held += block3(rubs, m, k, 1) @ gathered(y, b, c, p, j)
                                 d_slip[b, c, k] = held + by_slip[m, c, k]
-                for i in range(n + 1):
-                    turn[b, c, i] = next_turn[b, c, i]
                 for p in range(n):
                     r = 6 * (p + 1)
                     last_but_one[b, c, p] = last[b, c, p]
                     last[b, c, p] = vec3(y[b, c, r], y[b, c, r + 1], y[b, c, r + 2])
                     if slot[t - 1] >= 0:
                         out[b, slot[t - 1], c, p] = last[b, c, p]
+            remember_laws(next_turn, q, steps, joints, bends, bent, by_past, d_past, b, t, m, fresh)
+        for c in range(last.shape[1]):
+            for i in range(n + 1):
+                turn[b, c, i] = next_turn[b, c, i]
 
 
 @ti.kernel
@@ -264,8 +291,7 @@ def adjoint(
     symmetric: ti.i32,
     upper: bands,
     lower: bands,
-    whole_upper: bands,
-    whole_lower: bands,
+    columns: scalars4,
     y: scalars3,
     bends: scalars4,
     rubs: scalars3,
@@ -316,7 +342,8 @@ def adjoint(
                         h = vec2(d_past[b, i, 3 * k], d_past[b, i, 3 * k + 1])
                         a = block2(bends, m, i, k, 2).transpose() @ h
                         pull += vec3(a[0], a[1], 0.0) / now_l
-                    ga, gb = moment_to_rotations(q[b, t, i], q[b, t, i + 1], pull)
+                    _phi, w, v, c0, c1, _c2 = darboux(q[b, t, i], q[b, t, i + 1])
+                    ga, gb = moment_to_rotations(w, v, c0, c1, pull)
                     for k in ti.static(range(3)):
                         y[b, 0, 6 * i + 3 + k] += ga[k]
                         y[b, 0, 6 * i + 9 + k] += gb[k]
@@ -331,16 +358,21 @@ def adjoint(
                 for r in range(row_of(k, n), row_of(k, n) + 3):
                     y[b, 1, r] = y[b, 0, r]
             clear_held(y, b, 0, n, b, grips, clamped)
-            solve_transposed(upper, lower, m, y, b, 0, rows)
+            if symmetric == 1:
+                solve(upper, lower, m, y, b, 0, rows, 1)
+            else:
+                solve_transposed(upper, lower, m, y, b, 0, rows)
             # lambda is in y: what the step reads, it feeds back to
             for k in range(1, ENDS):
                 row = row_of(k, n)
                 if is_held(k, b, grips, clamped):
                     found = vec3(0.0)
                     for j in ti.static(range(3)):
-                        found[j] = y[b, 1, row + j] - times_column(
-                            whole_upper, whole_lower, m, y, b, 0, row + j
-                        )
+                        found[j] = y[b, 1, row + j]
+                        for i in range(2 * HALF + 1):
+                            r = row + j - HALF + i
+                            if r >= 0 and r < rows:
+                                found[j] -= columns[m, k - 1, j, i] * y[b, 0, r]
                     if k < 3:
                         d_end_q[b, t - 1, k - 1] += found
                     else:
@@ -361,8 +393,9 @@ def adjoint(
                 for r in range(rows):
                     total += y[b, 0, r] * by_force[m, c, r]
                 for i in range(n):
-                    for k in ti.static(range(HISTORY)):
-                        total += d_past[b, i, k] * by_past[m, c, i, k]
+                    if laws_act(joints, b, i):
+                        for k in range(HISTORY):
+                            total += d_past[b, i, k] * by_past[m, c, i, k]
                 for k in range(d_slip.shape[1]):
                     total += d_slip[b, k].dot(by_slip[m, c, k])
                 d_parameter[b, c, 0] += total
@@ -384,7 +417,8 @@ def adjoint(
                     ra, rb = 6 * i + 3, 6 * i + 9
                     ta = vec3(y[b, 0, ra], y[b, 0, ra + 1], y[b, 0, ra + 2])
                     tb = vec3(y[b, 0, rb], y[b, 0, rb + 1], y[b, 0, rb + 2])
-                    work = rotations_to_strain(q[b, t, i], q[b, t, i + 1], ta, tb)
+                    _phi, w, v, c0, c1, _c2 = darboux(q[b, t, i], q[b, t, i + 1])
+                    work = rotations_to_strain(w, v, c0, c1, ta, tb)
                     own = vec2(work[0], work[1])
                     bent = vec3(0.0)
                     for k in range(bends.shape[2]):
@@ -396,7 +430,8 @@ def adjoint(
                         bent += vec3(a[0], a[1], 0.0)
                         d_past[b, i, 3 * k], d_past[b, i, 3 * k + 1] = h[0], h[1]
                     if fresh == 0:
-                        ga, gb = moment_to_rotations(q[b, t - 1, i], q[b, t - 1, i + 1], bent / before_l)
+                        _phi, w, v, c0, c1, _c2 = darboux(q[b, t - 1, i], q[b, t - 1, i + 1])
+                        ga, gb = moment_to_rotations(w, v, c0, c1, bent / before_l)
                         turn[b, i] += ga
                         turn[b, i + 1] += gb
             if d_slip.shape[1] > 1 and fresh == 0:

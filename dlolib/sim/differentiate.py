@@ -4,20 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from dlolib.sim import derivatives, linearise
+from dlolib.sim.assembly import ENDS
 from dlolib.sim.band import HALF
 from dlolib.sim.effects import LAWS
 from dlolib.sim.joints import HISTORY
 from dlolib.sim.scene import Scene
-from dlolib.sim.simulate import Path, Rollout, banded, columns, refuse, steps_of
+from dlolib.sim.simulate import Clock, Path, Rollout, banded, columns, refuse, steps_of
 from dlolib.types import Floats
-
-# Parameters whose sides are looked at in one launch: a launch costs as much as the forces of some 100 steps.
-TOGETHER = 8
 
 
 @dataclass(frozen=True)
@@ -158,14 +155,27 @@ def _explicit(rollout: Rollout, variations: Sequence[Variation]) -> tuple[Floats
     ropes, indices, n = rollout.x.shape[:3]
     states = ropes * (indices - 1)
     count = len(variations)
+    # what holds the ends otherwise alone changes no force on a rope that is where it is
+    slots = [c for c, one in enumerate(variations) if _pushes(one, rollout.clock)]
+    cases = [case for c in slots for case in (variations[c].ahead, variations[c].behind)]
+    laws, slips = any(case.scene.has_laws for case in cases), rollout.scene.slips
+    # room for what acts alone: untouched memory costs as much as a step
     force, held = np.zeros((states, count, 6 * (n + 1))), np.zeros((ropes, indices - 1, count, 2, 6))
-    past, slip = np.zeros((states, count, n, HISTORY)), np.zeros((states, count, rollout.scene.slips, 3))
-    for first in range(0, count, TOGETHER):
-        some = variations[first : first + TOGETHER]
-        sides = _forces(rollout, [case for one in some for case in (one.ahead, one.behind)])
-        for c, variation in enumerate(some, first):
-            for target, side in zip((force, past, slip), sides, strict=True):
-                target[:, c] = (side[2 * (c - first)] - side[2 * (c - first) + 1]) / variation.width
+    past = np.zeros((states, count, n, HISTORY) if laws or rollout.scene.has_laws else (1, 1, 1, 1))
+    slip = np.zeros((states, count, slips, 3))
+    if slots:
+        # a fresh rope's past is made anew for every case
+        before = rollout.past.copy() if rollout.clock.fresh else rollout.past
+        linearise.differences(
+            rollout.x, rollout.q, rollout.before, before, rollout.slip, rollout.sliding,
+            np.concatenate([case.path.q for case in cases]),
+            np.concatenate([steps_of(case.path, rollout.clock) for case in cases]),
+            *Scene.stack([case.scene for case in cases]).arrays(), *rollout.clock.flags,
+            int(rollout.scene.symmetric), np.array(slots, np.int32),
+            np.array([variations[c].width for c in slots]), np.zeros((1, 1, HALF + 1)),
+            columns(states, 1, n), np.zeros((states, 1, n, HISTORY) if laws else (1, 1, 1, 1)),
+            np.zeros((states, 1, slips, 3)), force, past, slip,
+        )  # fmt: skip
     for c, variation in enumerate(variations):
         one, other = variation.ahead.path, variation.behind.path
         if one is not other:
@@ -174,26 +184,15 @@ def _explicit(rollout: Rollout, variations: Sequence[Variation]) -> tuple[Floats
     return force, past, slip, np.nan_to_num(held)
 
 
-def _forces(rollout: Rollout, cases: Sequence[Case]) -> tuple[Floats, Floats, Floats]:
-    """Minus the forces of every step in C other cases, and the histories that follow: (C, states, ...)."""
-    ropes, indices, n = rollout.x.shape[:3]
-    states = ropes * (indices - 1)
-    count = len(cases)
-    y = np.zeros((count * states, 1, 6 * (n + 1)))
-    past = np.zeros((count * states, 1, n, HISTORY))
-    slip = np.zeros((count * states, 1, rollout.scene.slips, 3))
-
-    def each(values: Any) -> Any:
-        return np.tile(values, (count,) + (1,) * (values.ndim - 1))
-
-    linearise.residuals(
-        *(each(part) for part in (rollout.x, rollout.q, rollout.before, rollout.past, rollout.slip)),
-        each(rollout.sliding), np.concatenate([case.path.q for case in cases]),
-        np.concatenate([steps_of(case.path, rollout.clock) for case in cases]),
-        *Scene.stack([case.scene for case in cases]).arrays(), *rollout.clock.flags,
-        int(rollout.scene.symmetric), np.zeros((1, 1, HALF + 1)), y, past, slip,
-    )  # fmt: skip
-    return tuple(part[:, 0].reshape(count, states, *part.shape[2:]) for part in (y, past, slip))  # type: ignore[return-value]
+def _pushes(variation: Variation, clock: Clock) -> bool:
+    """Whether the parameter changes any force on the rope at fixed states."""
+    one, other = variation.ahead, variation.behind
+    pairs = [*zip(one.scene.arrays(), other.scene.arrays(), strict=True)]
+    if one.path is not other.path:
+        pairs.append((steps_of(one.path, clock), steps_of(other.path, clock)))
+        if one.scene.grips.any():
+            pairs.append((one.path.q, other.path.q))
+    return not all(np.array_equal(a, b) for a, b in pairs)
 
 
 def _turn(a: Floats, b: Floats) -> Floats:
@@ -205,11 +204,12 @@ def _turn(a: Floats, b: Floats) -> Floats:
 
 
 def _linearised(rollout: Rollout) -> tuple[list[Floats], list[Floats]]:
-    """K of every step at its converged state, rope by rope: factored (two parts) and whole (two parts); and
-    how its laws and contacts depend on the step before."""
+    """K of every step at its converged state, rope by rope: its factors (two parts) and the columns of what
+    is prescribed; and how its laws and contacts depend on the step before."""
     ropes, indices, n = rollout.x.shape[:3]
     states = ropes * (indices - 1)
-    factors = [banded(states, n) for _ in range(4)]
+    lower = banded(1 if rollout.scene.symmetric else states, n)
+    factors = [banded(states, n), lower, np.zeros((states, ENDS - 1, 3, 2 * HALF + 1))]
     # room for what acts alone: untouched memory costs as much as a step
     laws = rollout.scene.has_laws
     bends = np.zeros((states, n, len(LAWS), 20) if laws else (1, 1, 1, 1))

@@ -294,7 +294,7 @@ def roll_out(
             predict(b, t, x, q, first, end_x, end_q, grips, clamped)
             if fresh == 1:
                 for i in range(n):
-                    begin(joints, past, b, t - 1, i, 0)
+                    begin(joints, past, b, b, t - 1, i, 0)
             done, converged = not alive, False
             count = 0
             lowest, least, promised = 1e300, 1e300, 0.0
@@ -312,9 +312,9 @@ def roll_out(
             while not done and count < most:
                 count += 1
                 energy = assemble(
-                    b, t, b, x, q, first, past, slip, sliding, end_q, steps, joints, segments, particles,
+                    b, b, t, b, x, q, first, past, slip, sliding, end_q, steps, joints, segments, particles,
                     contacts, obstacles, grips, clamped, moving, momentum, fresh, symmetric, 0, lagged,
-                    limits, mixed, expected, upper, lower, y, True, plain,
+                    limits, mixed, expected, upper, lower, y, past, slip, True, plain,
                 )  # fmt: skip
                 clear_held(y, b, 0, n, b, grips, clamped)
                 # forces without a potential have no energy that falls; then the forces themselves may
@@ -353,7 +353,7 @@ def roll_out(
                         if damping < LEAST_ADDED:
                             damping = 0.0
                     lowest, least, fresh_base = energy, force, False
-                    hold_ends(upper, lower, b, n, b, grips, clamped)
+                    hold_ends(upper, lower, b, n, b, grips, clamped, symmetric)
                     added = ti.max(loose, ti.max(shift, damping))
                     stiffen(upper, b, rows, added, scale_x, scale_t)
                     indefinite = factor(upper, lower, b, rows, symmetric, 0 if exact else 1) > 0
@@ -374,7 +374,7 @@ def roll_out(
                         shifted, enough, shift, fresh_base = shift > 0.0, shift, 0.0, True
                         for r in range(rows):
                             y[b, 1, r] = y[b, 0, r]
-                        solve(upper, lower, b, y, b, 1, rows)
+                        solve(upper, lower, b, y, b, 1, rows, symmetric)
                         last_step, step, promised = step, 0.0, 0.0
                         for r in range(rows):
                             went = y[b, 1, r]
@@ -431,6 +431,6 @@ def roll_out(
                 status[b, t - 1] = UNCONVERGED
             if ti.static(not plain):
                 advance(
-                    b, t, b, t, x, q, past, slip, sliding, steps, joints, contacts, obstacles, fresh,
+                    b, b, t, b, t, x, q, past, slip, sliding, steps, joints, contacts, obstacles, fresh,
                     symmetric, 0, past, slip,
                 )  # fmt: skip

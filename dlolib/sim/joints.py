@@ -55,21 +55,21 @@ def elastic(joints: ti.template(), b: int, i: int, now: vec3):
 
 
 @ti.func
-def begin(joints: ti.template(), past: ti.template(), b: int, t: int, i: int, forced: int):
+def begin(joints: ti.template(), past: ti.template(), case: int, b: int, t: int, i: int, forced: int):
     """Into past[b, t, i] the histories of a rope that was bent from straight to the curvature it once had.
 
     Where it had none it has no history. With `forced` the laws take the branches noted at index t.
     """
-    prior = vec2(joints[b, i, PRIOR], joints[b, i, PRIOR + 1])
+    prior = vec2(joints[case, i, PRIOR], joints[case, i, PRIOR + 1])
     for k in ti.static(range(len(LAWS))):
-        p = vec2(joints[b, i, FIRST + 2 * k], joints[b, i, FIRST + 2 * k + 1])
+        p = vec2(joints[case, i, FIRST + 2 * k], joints[case, i, FIRST + 2 * k + 1])
         after = vec2(0.0)
         branch = 0
         if p[0] != 0.0 and (prior[0] != 0.0 or prior[1] != 0.0):
             _m, after, _w, _mn, _mb, _mp, _hn, _hb, _hp, branch = LAWS[k].respond(
-                prior, vec2(0.0), vec2(0.0), vec2(joints[b, i, REST], joints[b, i, REST + 1]), p,
-                vec2(joints[b, i, STIFFNESS], joints[b, i, STIFFNESS + 1]), joints[b, i, UNIFORM], 0.0,
-                branch_of(past, b, t - 1, i, k, forced),
+                prior, vec2(0.0), vec2(0.0), vec2(joints[case, i, REST], joints[case, i, REST + 1]), p,
+                vec2(joints[case, i, STIFFNESS], joints[case, i, STIFFNESS + 1]), joints[case, i, UNIFORM],
+                0.0, branch_of(past, b, t - 1, i, k, forced),
             )  # fmt: skip
         past[b, t, i, 3 * k], past[b, t, i, 3 * k + 1], past[b, t, i, 3 * k + 2] = (
             after[0],
@@ -80,32 +80,35 @@ def begin(joints: ti.template(), past: ti.template(), b: int, t: int, i: int, fo
 
 @ti.func
 def respond(
-    joints: ti.template(), past: ti.template(), b: int, t: int, i: int, now: vec3, before: vec3, dt: float,
-    forced: int,
+    joints: ti.template(), past: ti.template(), case: int, b: int, t: int, i: int, now: vec3, before: vec3,
+    dt: float, forced: int, keep: ti.template(), new_past: ti.template(), m: int,
 ):  # fmt: skip
     """Energy a length [N], moment [N m] and its derivative by the curvature, of joint i.
 
     Args:
-        joints: `Scene.joints`.
-        past: the laws' histories (B, T + 1, n, HISTORY), read at index t.
+        joints: `Scene.joints`, read at row `case`.
+        past: the laws' histories (B, T + 1, n, HISTORY), read at row b and index t.
         forced: 1 to take the branches that stand at index t + 1, 0 to take them as they come.
         now, before: curvatures and twist at this step and at the one before [1/m].
         dt: time between them [s].
+        keep: whether the histories after the step are written into new_past[m, 0, i].
     """
-    d = vec3(joints[b, i, STIFFNESS], joints[b, i, STIFFNESS + 1], joints[b, i, STIFFNESS + 2])
-    rest = vec3(joints[b, i, REST], joints[b, i, REST + 1], joints[b, i, REST + 2])
-    energy, moment, tangent = elastic(joints, b, i, now)
+    d = vec3(joints[case, i, STIFFNESS], joints[case, i, STIFFNESS + 1], joints[case, i, STIFFNESS + 2])
+    rest = vec3(joints[case, i, REST], joints[case, i, REST + 1], joints[case, i, REST + 2])
+    energy, moment, tangent = elastic(joints, case, i, now)
     for k in ti.static(range(len(LAWS))):
-        p = vec2(joints[b, i, FIRST + 2 * k], joints[b, i, FIRST + 2 * k + 1])
+        p = vec2(joints[case, i, FIRST + 2 * k], joints[case, i, FIRST + 2 * k + 1])
         if p[0] != 0.0:
             h = vec2(past[b, t, i, 3 * k], past[b, t, i, 3 * k + 1])
-            m, _h, work, m_now, _mb, _mp, _hn, _hb, _hp, _branch = LAWS[k].respond(
+            m_law, after, work, m_now, _mb, _mp, _hn, _hb, _hp, _branch = LAWS[k].respond(
                 vec2(now[0], now[1]), vec2(before[0], before[1]), h, vec2(rest[0], rest[1]), p,
-                vec2(d[0], d[1]), joints[b, i, UNIFORM], dt, branch_of(past, b, t, i, k, forced),
+                vec2(d[0], d[1]), joints[case, i, UNIFORM], dt, branch_of(past, b, t, i, k, forced),
             )  # fmt: skip
             energy += work
             for r in ti.static(range(2)):
-                moment[r] += m[r]
+                moment[r] += m_law[r]
+                if ti.static(keep):
+                    new_past[m, 0, i, 3 * k + r] = after[r]
                 for c in ti.static(range(2)):
                     tangent[r, c] += m_now[r, c]
     return energy, moment, tangent
@@ -113,21 +116,21 @@ def respond(
 
 @ti.func
 def remember(
-    joints: ti.template(), past: ti.template(), b: int, t: int, i: int, now: vec3, before: vec3, dt: float,
-    forced: int, out: ti.template(), m: int, u: int,
+    joints: ti.template(), past: ti.template(), case: int, b: int, t: int, i: int, now: vec3, before: vec3,
+    dt: float, forced: int, out: ti.template(), m: int, u: int,
 ):  # fmt: skip
     """The laws' histories after the step, into out[m, u, i]; the arguments are those of `respond`."""
     for k in ti.static(range(len(LAWS))):
-        p = vec2(joints[b, i, FIRST + 2 * k], joints[b, i, FIRST + 2 * k + 1])
+        p = vec2(joints[case, i, FIRST + 2 * k], joints[case, i, FIRST + 2 * k + 1])
         after = vec2(0.0)
         branch = 0
         if p[0] != 0.0:
             _m, after, _w, _mn, _mb, _mp, _hn, _hb, _hp, branch = LAWS[k].respond(
                 vec2(now[0], now[1]), vec2(before[0], before[1]),
                 vec2(past[b, t, i, 3 * k], past[b, t, i, 3 * k + 1]),
-                vec2(joints[b, i, REST], joints[b, i, REST + 1]), p,
-                vec2(joints[b, i, STIFFNESS], joints[b, i, STIFFNESS + 1]), joints[b, i, UNIFORM], dt,
-                branch_of(past, b, t, i, k, forced),
+                vec2(joints[case, i, REST], joints[case, i, REST + 1]), p,
+                vec2(joints[case, i, STIFFNESS], joints[case, i, STIFFNESS + 1]), joints[case, i, UNIFORM],
+                dt, branch_of(past, b, t, i, k, forced),
             )  # fmt: skip
         out[m, u, i, 3 * k], out[m, u, i, 3 * k + 1], out[m, u, i, 3 * k + 2] = (
             after[0],

@@ -4,7 +4,7 @@ Steps are independent of each other here, so that all of them are done at once. 
 """
 
 from dlolib.sim.assembly import (
-    advance,
+    ENDS,
     assemble,
     bands,
     bent_before,
@@ -13,27 +13,40 @@ from dlolib.sim.assembly import (
     flags3,
     frames3,
     hold_ends,
+    is_held,
     joint_lengths,
+    row_of,
     sample,
+    scalars1,
     scalars3,
     scalars4,
     vectors2,
     vectors3,
 )
-from dlolib.sim.band import factor
+from dlolib.sim.band import HALF, entry, factor
 from dlolib.sim.contact import friction
 from dlolib.sim.direct import NOT_FINITE
 from dlolib.sim.effects import LAWS
-from dlolib.sim.joints import begin, curvature, law_derivatives, laws_act
+from dlolib.sim.joints import HISTORY, begin, curvature, law_acts, law_derivatives, laws_act
 from dlolib.sim.runtime import NEAR, ti, vec3, vec4
 from dlolib.sim.scene import LAWS as FIRST
 from dlolib.sim.scene import SAMPLES
 
 
 @ti.func
-def copy_band(source: ti.template(), target: ti.template(), b: int, rows: int):
-    for r in range(rows):
-        target[b, r] = source[b, r]
+def keep_held(
+    upper: ti.template(), lower: ti.template(), m: int, n: int, symmetric: int, b: int, grips: ti.template(),
+    clamped: ti.template(), columns: ti.template(),
+):  # fmt: skip
+    """Into columns[m, k - 1] those of K that belong to the k-th of what is prescribed, within the band."""
+    for k in range(1, ENDS):
+        if is_held(k, b, grips, clamped):
+            for j in range(3):
+                c = row_of(k, n) + j
+                for i in range(2 * HALF + 1):
+                    r = c - HALF + i
+                    if r >= 0 and r < 6 * (n + 1):
+                        columns[m, k - 1, j, i] = entry(upper, lower, m, r, c, symmetric)
 
 
 @ti.kernel
@@ -59,18 +72,18 @@ def linearise(
     symmetric: ti.i32,
     upper: bands,
     lower: bands,
-    whole_upper: bands,
-    whole_lower: bands,
+    columns: scalars4,
     y: scalars3,
     bends: scalars4,
     rubs: scalars3,
     status: flags1,
 ):
-    """K of every converged step, slot b T + t - 1: whole, and factored without what is prescribed.
+    """K of every converged step, slot b T + t - 1, factored without what is prescribed.
 
-    Beside it how the laws of every joint and the friction of every contact point depend on the step before:
-    bends (S, n, laws, 20), five 2 x 2 matrices as `law_derivatives` returns them; rubs (S, K, 19), the
-    spring's stiffness and two 3 x 3 matrices as `friction` does.
+    Its columns of what is prescribed are kept: (S, ENDS - 1, 3, 17), rows -8 to 8 off the diagonal. Beside
+    it how the laws of every joint and the friction of every contact point depend on the step before: bends
+    (S, n, laws, 20), five 2 x 2 matrices as `law_derivatives` returns them; rubs (S, K, 19), the spring's
+    stiffness and two 3 x 3 matrices as `friction` does.
     """
     for lane in range(upper.shape[0] * NEAR):
         if lane % NEAR != 0:
@@ -79,15 +92,13 @@ def linearise(
         n = x.shape[2]
         count = x.shape[1] - 1
         b, t = m // count, m % count + 1
-        # both parts are wanted of a symmetric K too
         assemble(
-            b, t, m, x, q, first, past, slip, sliding, end_q, steps, joints, segments, particles, contacts,
-            obstacles, grips, clamped, moving, momentum, fresh, 0, 1, 0, y, 0, first,
-            upper, lower, y, True, False,
+            b, b, t, m, x, q, first, past, slip, sliding, end_q, steps, joints, segments, particles, contacts,
+            obstacles, grips, clamped, moving, momentum, fresh, symmetric, 1, 0, y, 0, first,
+            upper, lower, y, past, slip, True, False,
         )  # fmt: skip
-        copy_band(upper, whole_upper, m, 6 * (n + 1))
-        copy_band(lower, whole_lower, m, 6 * (n + 1))
-        hold_ends(upper, lower, m, n, b, grips, clamped)
+        keep_held(upper, lower, m, n, symmetric, b, grips, clamped, columns)
+        hold_ends(upper, lower, m, n, b, grips, clamped, symmetric)
         if factor(upper, lower, m, 6 * (n + 1), symmetric, 0) > 0:
             status[m] = NOT_FINITE
         dt = steps[b, t, 0] * (1 - fresh)
@@ -95,7 +106,7 @@ def linearise(
             if laws_act(joints, b, i):
                 now_l, before_l = joint_lengths(joints, steps, b, t, i)
                 kappa = curvature(q, b, t, i, now_l)
-                before = bent_before(joints, q, b, t, i, before_l, fresh)
+                before = bent_before(joints, q, b, b, t, i, before_l, fresh)
                 for k in ti.static(range(len(LAWS))):
                     if joints[b, i, FIRST + 2 * k] != 0.0:
                         blocks = law_derivatives(k, joints, past, b, t - 1, i, kappa, before, dt)
@@ -121,7 +132,7 @@ def linearise(
 
 
 @ti.kernel
-def residuals(
+def differences(
     x: vectors3,
     q: frames3,
     first: vectors2,
@@ -141,31 +152,64 @@ def residuals(
     momentum: ti.f64,
     fresh: ti.i32,
     symmetric: ti.i32,
+    slots: flags1,
+    widths: scalars1,
     unused: bands,
     y: scalars3,
-    out_past: scalars4,
-    out_slip: vectors3,
+    new_past: scalars4,
+    new_slip: vectors3,
+    by_force: scalars3,
+    by_past: scalars4,
+    by_slip: vectors3,
 ):
-    """Minus the forces of every step, slot b T + t - 1, and the histories that follow it, at fixed states."""
-    for lane in range(y.shape[0] * NEAR):
+    """What parameters do to every step, row b T + t - 1, at fixed states: to minus its forces, and to the
+    histories that follow it.
+
+    Of the c-th parameter the scenes of rope b, a little to either side and `widths[c]` apart, are those of
+    rows (2 c) B + b and (2 c + 1) B + b; the results' column is `slots[c]`. y, new_past and new_slip
+    (S, 1, ...) are room for one side.
+    """
+    for lane in range(by_force.shape[0] * NEAR):
         if lane % NEAR != 0:
             continue
         m = lane // NEAR
-        count = x.shape[1] - 1
+        ropes, count, n = x.shape[0], x.shape[1] - 1, x.shape[2]
         b, t = m // count, m % count + 1
-        if fresh == 1:
-            # what was before the first shape depends on the parameters too
-            for i in range(x.shape[2]):
-                begin(joints, past, b, t - 1, i, 1)
-        assemble(
-            b, t, m, x, q, first, past, slip, sliding, end_q, steps, joints, segments, particles, contacts,
-            obstacles, grips, clamped, moving, momentum, fresh, symmetric, 1, 0, y, 0, first,
-            unused, unused, y, False, False,
-        )  # fmt: skip
-        advance(
-            b, t, m, 0, x, q, past, slip, sliding, steps, joints, contacts, obstacles, fresh, symmetric, 1,
-            out_past, out_slip,
-        )  # fmt: skip
+        for number in range(2 * widths.shape[0]):
+            behind = number % 2
+            c, width = slots[number // 2], widths[number // 2]
+            case = number * ropes + b
+            if fresh == 1:
+                # what was before the first shape depends on the parameters too
+                for i in range(n):
+                    begin(joints, past, case, b, t - 1, i, 1)
+            assemble(
+                case, b, t, m, x, q, first, past, slip, sliding, end_q, steps, joints, segments, particles,
+                contacts, obstacles, grips, clamped, moving, momentum, fresh, symmetric, 1, 0, y, 0, first,
+                unused, unused, y, new_past, new_slip, False, False,
+            )  # fmt: skip
+            for r in range(6 * (n + 1)):
+                by_force[m, c, r] = over(by_force[m, c, r], y[m, 0, r], width, behind)
+            for i in range(n):
+                for k in range(HISTORY // 3):
+                    if law_acts(joints, case, i, k):
+                        for r in ti.static(range(2)):
+                            by_past[m, c, i, 3 * k + r] = over(
+                                by_past[m, c, i, 3 * k + r], new_past[m, 0, i, 3 * k + r], width, behind
+                            )
+            if slip.shape[2] > 1:
+                for k in range(slip.shape[2]):
+                    for r in ti.static(range(3)):
+                        by_slip[m, c, k][r] = over(by_slip[m, c, k][r], new_slip[m, 0, k][r], width, behind)
 
 
-__all__ = ["linearise", "residuals"]
+@ti.func
+def over(ahead: float, value: float, width: float, behind: int) -> float:
+    """The value of the first side, then its difference to that of the other over what is between them."""
+    found = value
+    if behind == 1:
+        found = (ahead - value) / width
+    return found
+
+
+__all__ = ["differences", "linearise"]

@@ -42,7 +42,8 @@ UNDERWAY = 0.1
 
 @dataclass(frozen=True)
 class PosesModel:
-    """The same calls as `RecordingModel`, every frame on its own."""
+    """The same calls as `RecordingModel`, every frame on its own; the points of a rope that remembers, with
+    an end free, are those of the way in the order recorded."""
 
     recording: Recording
     particles: int
@@ -92,7 +93,8 @@ class PosesModel:
         return setup(rod, rec.gravity_m_s2, rec.ends, rec.obstacles)
 
     def roll_out(self, rod: Rod) -> Rollout:
-        """Every pose's equilibrium by itself: one rope a frame, index 1 is the settled shape."""
+        """Every pose's equilibrium by itself, of a rope that does not remember: one rope a frame, index 1 is
+        the settled shape."""
         case = self._case(self.setup(rod))
         return settle(case.scene, self._start, case.path)
 
@@ -103,7 +105,8 @@ class PosesModel:
 
     def respond(self, rod: Rod, sides: Sequence[Sides]) -> Prediction:
         """The same with derivatives by whatever tells each two set-ups from the rod's own."""
-        if self._remembers(self.setup(rod)):
+        made = self.setup(rod)
+        if any(self._remembers(one) for one in (made, *(side for both in sides for side in both[:2]))):
             return self._followed.respond(rod, sides)
         rollout = self.roll_out(rod)
         weights, which, axis = self._weights, self._which, viewing_axis(self.recording)
@@ -114,7 +117,7 @@ class PosesModel:
             out = sensitivities(rollout, ways, np.array([1]))[0][:, 0]
             return np.asarray(np.einsum("pn,pmnk->pmk", weights, out[which]))
 
-        return as_seen(xyz, self.setup(rod).camera, axis, sides, moved)
+        return as_seen(xyz, made.camera, axis, sides, moved)
 
     def _case(self, made: Setup) -> Case:
         """All frames as a batch of ropes that take one step each."""

@@ -44,12 +44,6 @@ def matrix(q: vec4) -> mat3:
 
 
 @ti.func
-def cross_matrix(v: vec3) -> mat3:
-    """[v]x, so that [v]x a = v x a."""
-    return mat3([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
-
-
-@ti.func
 def identity() -> mat3:
     """The 3 x 3 identity."""
     return mat3([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])

@@ -7,7 +7,7 @@ are with respect to that theta, so Newton's method converges quadratically.
 
 from math import comb
 
-from dlolib.sim.rotations import conjugate, cross_matrix, identity, matrix, product
+from dlolib.sim.rotations import conjugate, matrix, product
 from dlolib.sim.runtime import mat3, ti, vec3, vec4
 
 # Where |v|^2 is no more than this, 2 asin(|v|) / |v| is its series to the last bit.
@@ -144,19 +144,17 @@ def half_turn(w: float, v: vec3, a: mat3, side: float) -> mat3:
 
 
 @ti.func
-def moment_to_rotations(qa: vec4, qb: vec4, moment: vec3):
-    """What a moment [N m] in a joint does to theta_a and theta_b: (dphi/dtheta)^T moment."""
-    _phi, w, v, c, c1, _c2 = darboux(qa, qb)
+def moment_to_rotations(w: float, v: vec3, c: float, c1: float, moment: vec3):
+    """What a moment [N m] in a joint does to theta_a and theta_b: (dphi/dtheta)^T moment.
+
+    w, v, c, c1: what `darboux` says of the frames.
+    """
     f = c * moment + c1 * v.dot(moment) * v
-    jb = 0.5 * (w * identity() + cross_matrix(v))
-    gb = jb.transpose() @ f
-    return -(jb @ f), gb
+    return -0.5 * (w * f + v.cross(f)), 0.5 * (w * f - v.cross(f))
 
 
 @ti.func
-def rotations_to_strain(qa: vec4, qb: vec4, ta: vec3, tb: vec3) -> vec3:
+def rotations_to_strain(w: float, v: vec3, c: float, c1: float, ta: vec3, tb: vec3) -> vec3:
     """dphi for rotations ta, tb of the two frames [rad]: the transpose of `moment_to_rotations`."""
-    _phi, w, v, c, c1, _c2 = darboux(qa, qb)
-    jb = 0.5 * (w * identity() + cross_matrix(v))
-    dv = jb @ tb - jb.transpose() @ ta
+    dv = 0.5 * (w * (tb - ta) + v.cross(ta + tb))
     return c * dv + c1 * v.dot(dv) * v

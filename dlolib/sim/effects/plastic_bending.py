@@ -33,6 +33,8 @@ ABRUPT = True
 REMEMBERS = True
 SIZES = ("yield_curvature",)
 SYMMETRIC = True
+# How exactly the trial moment is mapped back, in shares of it.
+ROUNDING = 4e-16
 
 
 def coefficients(values):
@@ -64,7 +66,10 @@ def respond(
         g = (size - limit) / ti.max(a[0], a[1])
         for _ in range(12):
             u = trial / (limit + a * g)
-            g += (u.norm() - 1.0) * u.norm() / (u * u * a / (limit + a * g)).sum()
+            off = u.norm() - 1.0
+            if ti.abs(off) < ROUNDING:
+                break
+            g += off * u.norm() / (u * u * a / (limit + a * g)).sum()
         w = 1.0 / (limit + a * g)
         n = (trial * w).normalized()
         flow = g * n
