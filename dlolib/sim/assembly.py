@@ -149,8 +149,9 @@ def assemble(
     steps: ti.template(), joints: ti.template(), segments: ti.template(), particles: ti.template(),
     contacts: ti.template(), obstacles: ti.template(), grips: ti.template(), clamped: ti.template(),
     moving: int, momentum: float, fresh: int, symmetric: int, forced: int, lagged: int,
-    limits: ti.template(), mixed: int, expected: ti.template(), upper: ti.template(), lower: ti.template(), y: ti.template(),
-    new_past: ti.template(), new_slip: ti.template(), hessian: ti.template(), plain: ti.template(),
+    limits: ti.template(), mixed: int, expected: ti.template(), upper: ti.template(),
+    lower: ti.template(), y: ti.template(), new_past: ti.template(), new_slip: ti.template(),
+    hessian: ti.template(), plain: ti.template(),
 ) -> float:  # fmt: skip
     """Write the Hessian of the step to index t of rope b into slot m, minus its gradient into y[m, 0].
 
