@@ -109,8 +109,13 @@ def bend_twist(w: float, v: vec3, c: float, c1: float, c2: float, moment: vec3, 
     # chain rule from phi to v: dphi = (c + c1 v v^T) dv
     mv = moment.dot(v)
     f = c * moment + c1 * mv * v
-    left = c * stiffness + c1 * v.outer_product(stiffness.transpose() @ v)
-    h = c * left + (c1 * (left @ v + moment) + c2 * mv * v).outer_product(v) + c1 * v.outer_product(moment)
+    kv = stiffness @ v
+    left, right = c * kv + moment, c * (stiffness.transpose() @ v) + moment
+    along = c1 * c1 * v.dot(kv) + c2 * mv
+    h = mat3(0.0)
+    for i in ti.static(range(3)):
+        for j in ti.static(range(3)):
+            h[i, j] = c * c * stiffness[i, j] + c1 * (left[i] * v[j] + v[i] * right[j]) + along * v[i] * v[j]
     # and from v to the two rotations, to second order: dv = jb theta_b - jb^T theta_a + ...
     own = 0.25 * f.dot(v)
     mixed = 0.25 * (v.outer_product(f) + f.outer_product(v))
