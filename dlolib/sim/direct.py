@@ -1,232 +1,25 @@
 """The direct solver: each step's constraints all at once, by Newton's method on a banded Hessian.
 
 XPBD's multipliers (3), solved together instead of one by one, are a Newton step of the implicit Euler
-energy; iterated until it stands still, the shape depends on no iteration count.
-
-A segment hardly stretches: a step that turns it a little, and thereby stretches it by the square of that,
-changes the force in it by far too much, and the Hessian with it. So these forces first are unknowns of their
-own (mixed integration points: Magisano, Leonetti and Garcea, Comput. Methods Appl. Mech. Eng. 313, 2017):
-each step's Hessian is that under the forces that the step before foretold, and three steps do instead of
-eight. What they do not find is sought downhill, by the energy.
+energy; iterated until it stands still (`equilibrium`), the shape depends on no iteration count.
 """
 
 from dlolib.sim.assembly import (
     advance,
-    assemble,
     bands,
-    clear_held,
     flags2,
     flags3,
     frames2,
     frames3,
-    hold_ends,
-    sample,
     scalars3,
     scalars4,
     vectors2,
     vectors3,
 )
-from dlolib.sim.band import factor, solve
-from dlolib.sim.contact import grip_of
-from dlolib.sim.joints import begin, laws_act
-from dlolib.sim.rotations import rotated
-from dlolib.sim.runtime import APART, ti, vec3
-from dlolib.sim.scene import FRICTION, SAMPLES, STIFFNESS
-from dlolib.sim.strain import stretch_shear_force
-
-CONVERGED, UNCONVERGED, NOT_FINITE = 0, 1, 2
-LARGEST_TURN = 0.5
-# A Newton step this small that no longer shrinks is rounding: the stretch stiffness times the last bit of a
-# position is a force, and a soft rope moves under it.
-ROUNDING = 1e-7
-# A Newton step leaves less than a hundredth of its square times this [1/m], for a rope without contact and
-# history; a hundredth, so that differences of two roll-outs are good for derivatives. The second is for mixed
-# steps; what these do not end in so many they never do.
-QUADRATIC_1_M, QUADRATIC_MIXED_1_M, MOST_MIXED = 1e6, 1e4, 12
-# Newton's step at which contacts with noted limits are near enough to note them anew.
-LAGGED_ENOUGH = 1e-4
-# What comes next is foretold by a polynomial of an order up to this, which one particle in so many chooses.
-MOST_ORDER, LOOKED_AT = 5, 5
-orders = ti.types.vector(MOST_ORDER + 1, ti.f64)
-# The farthest that a shape on a saddle, found with a shift, is moved onto it.
-LARGEST_POLISH = 1e-5
-# What is added to the Hessian where a step was none or made it worse, over the rope's own stiffness.
-LEAST_ADDED, MOST_ADDED = 1e-6, 1e12
-
-
-@ti.func
-def ahead(values: ti.template(), b: int, t: int, k: int, order: int):
-    """values[b, t, k] by the polynomial of this order through those before, all its differences summed."""
-    found = values[b, t - 1, k]
-    last = [values[b, ti.max(t - 1 - j, 0), k] for j in ti.static(range(MOST_ORDER + 1))]
-    for level in ti.static(range(1, MOST_ORDER + 1)):
-        for j in ti.static(range(MOST_ORDER + 1 - level)):
-            last[j] -= last[j + 1]
-        if level <= order:
-            found += last[0]
-    return found
-
-
-@ti.func
-def best_order(x: ti.template(), b: int, t: int) -> int:
-    """The order that would have foretold the step before best, by one particle in so many."""
-    best, least = ti.min(t - 1, 1), 1e300
-    if t > MOST_ORDER + 1:
-        off = orders(0.0)
-        for k in range(x.shape[2] // LOOKED_AT):
-            p = (k + 1) * LOOKED_AT - 1
-            last = [x[b, t - 1 - j, p] for j in ti.static(range(MOST_ORDER + 2))]
-            for level in ti.static(range(1, MOST_ORDER + 2)):
-                for j in ti.static(range(MOST_ORDER + 2 - level)):
-                    last[j] -= last[j + 1]
-                # what a polynomial misses is the next difference
-                off[level - 1] += last[0].dot(last[0])
-        for order in ti.static(range(1, MOST_ORDER + 1)):
-            if off[order] < least:
-                best, least = order, off[order]
-    return best
-
-
-@ti.func
-def predict(
-    b: int, t: int, x: ti.template(), q: ti.template(), first: ti.template(), end_x: ti.template(),
-    end_q: ti.template(), grips: ti.template(), clamped: ti.template(),
-):  # fmt: skip
-    """Where the iteration begins: where the rope would be if it moved on as in the steps before.
-
-    What the held ends do beyond that is shared out along the rope, or their segments alone would stretch.
-    """
-    n = x.shape[2]
-    order = best_order(x, b, t)
-    for p in range(n):
-        x[b, t, p] = ahead(x, b, t, p, order)
-        if t == 1:
-            x[b, t, p] += x[b, 0, p] - first[b, p]
-    for i in range(n + 1):
-        q[b, t, i] = ahead(q, b, t, i, order).normalized()
-    beyond_start, beyond_end = vec3(0.0), vec3(0.0)
-    if clamped[b, 0] == 1:
-        beyond_start = end_x[b, t - 1, 0] - x[b, t, 0]
-        if grips[b, 0, 0] == 0.0:
-            q[b, t, 0] = end_q[b, t - 1, 0]
-    if clamped[b, 1] == 1:
-        beyond_end = end_x[b, t - 1, 1] - x[b, t, n - 1]
-        if grips[b, 1, 0] == 0.0:
-            q[b, t, n] = end_q[b, t - 1, 1]
-    for p in range(n):
-        share = float(p) / float(n - 1)
-        x[b, t, p] = x[b, t, p] + (1.0 - share) * beyond_start + share * beyond_end
-    if clamped[b, 0] == 1:
-        x[b, t, 0] = end_x[b, t - 1, 0]
-    if clamped[b, 1] == 1:
-        x[b, t, n - 1] = end_x[b, t - 1, 1]
-
-
-@ti.func
-def scale_of(r: int, scale_x: float, scale_t: float) -> float:
-    """Stiffness that belongs to unknown r: a position's or a turn's."""
-    scale = scale_x
-    if r % 6 > 2:
-        scale = scale_t
-    return scale
-
-
-@ti.func
-def stiffen(upper: ti.template(), b: int, rows: int, by: float, scale_x: float, scale_t: float):
-    """Add to the Hessian's diagonal so many times the rope's own stiffness."""
-    if by > 0.0:
-        for r in range(rows):
-            upper[b, r][0] += by * scale_of(r, scale_x, scale_t)
-
-
-@ti.func
-def stand(
-    b: int, t: int, x: ti.template(), q: ti.template(), base_x: ti.template(), base_q: ti.template(),
-    y: ti.template(), fraction: float,
-):  # fmt: skip
-    """Put the rope where a fraction of the step in column 1 takes it from the base."""
-    for p in range(x.shape[2]):
-        r = 6 * (p + 1)
-        x[b, t, p] = base_x[b, p] + fraction * vec3(y[b, 1, r], y[b, 1, r + 1], y[b, 1, r + 2])
-    for i in range(q.shape[2]):
-        r = 6 * i + 3
-        turn = fraction * vec3(y[b, 1, r], y[b, 1, r + 1], y[b, 1, r + 2])
-        q[b, t, i] = rotated(base_q[b, i], turn)
-
-
-@ti.func
-def note_limits(
-    b: int, t: int, x: ti.template(), contacts: ti.template(), obstacles: ti.template(), limits: ti.template()
-):
-    """At which stretch each contact slides, by how deep it is at index t."""
-    n = x.shape[2]
-    for p in range(n):
-        for j in range(SAMPLES):
-            if j == 0 or p + 1 < n:
-                k = SAMPLES * p + j
-                limit, normal, _slope, _bend = grip_of(sample(x, b, t, p, j), contacts[b, k, 1], obstacles, b)
-                limits[b, 0, k] = limit
-                pull = shortened(vec3(limits[b, 4, k], limits[b, 5, k], limits[b, 6, k]), limit)
-                for j in ti.static(range(3)):
-                    limits[b, 1 + j, k] = normal[j]
-                    limits[b, 4 + j, k] = pull[j]
-
-
-@ti.func
-def shortened(v: vec3, most: float) -> vec3:
-    """v, or as much of it as is not longer than that."""
-    return v * ti.min(1.0, most / ti.max(v.norm(), 1e-300))
-
-
-@ti.func
-def note_pulls(
-    b: int, t: int, base_x: ti.template(), x: ti.template(), y: ti.template(), slip: ti.template(),
-    limits: ti.template(),
-):  # fmt: skip
-    """What stretch Newton's step in column 1 from base_x expects of each contact whose limit is noted."""
-    n = x.shape[2]
-    for p in range(n):
-        for j in range(SAMPLES):
-            k = SAMPLES * p + j
-            if (j == 0 or p + 1 < n) and limits[b, 0, k] > 0.0:
-                there = j / float(SAMPLES)
-                r = 6 * (p + 1)
-                step = (1.0 - there) * vec3(y[b, 1, r], y[b, 1, r + 1], y[b, 1, r + 2])
-                here = (1.0 - there) * base_x[b, p]
-                if j > 0:
-                    step += there * vec3(y[b, 1, r + 6], y[b, 1, r + 7], y[b, 1, r + 8])
-                    here += there * base_x[b, p + 1]
-                limit = limits[b, 0, k]
-                normal = vec3(limits[b, 1, k], limits[b, 2, k], limits[b, 3, k])
-                pull = vec3(limits[b, 4, k], limits[b, 5, k], limits[b, 6, k])
-                v = slip[b, t - 1, k] + here - sample(x, b, t - 1, p, j)
-                v -= normal.dot(v) * normal
-                step -= normal.dot(step) * normal
-                size = v.norm()
-                expected = v + step
-                if size > limit:
-                    expected = (limit * expected - v.dot(step) / size * pull) / size
-                expected = shortened(expected, limit)
-                for i in ti.static(range(3)):
-                    limits[b, 4 + i, k] = expected[i]
-
-
-@ti.func
-def note_forces(
-    b: int, t: int, x: ti.template(), q: ti.template(), segments: ti.template(), steps: ti.template(),
-    y: ti.template(), fraction: float, expected: ti.template(),
-):  # fmt: skip
-    """What force is to be expected in each segment at index t after a fraction of the step in column 1."""
-    for s in range(x.shape[2] - 1):
-        r = 6 * (s + 1)
-        went = vec3(
-            y[b, 1, r + 6] - y[b, 1, r], y[b, 1, r + 7] - y[b, 1, r + 1], y[b, 1, r + 8] - y[b, 1, r + 2]
-        )
-        turn = vec3(y[b, 1, r + 3], y[b, 1, r + 4], y[b, 1, r + 5])
-        expected[b, s] = stretch_shear_force(
-            x[b, t, s + 1] - x[b, t, s], q[b, t, s + 1], segments[b, s, 0] * steps[b, t, 1],
-            vec3(segments[b, s, 1], segments[b, s, 2], segments[b, s, 3]), fraction * went, fraction * turn,
-        )  # fmt: skip
+from dlolib.sim.equilibrium import CONVERGED, NOT_FINITE, UNCONVERGED, equilibrium
+from dlolib.sim.foretell import lead, pieces_of, predict
+from dlolib.sim.joints import begin
+from dlolib.sim.runtime import APART, ti
 
 
 @ti.kernel
@@ -272,165 +65,40 @@ def roll_out(
         if lane % APART != 0:
             continue
         b = lane // APART
-        n = x.shape[2]
-        rows = 6 * (n + 1)
-        length = segments[b, 0, 0]
-        scale_t = joints[b, n // 2, STIFFNESS] / length
-        scale_x = scale_t / length**2
-        alive = True
-        # what a full step leaves of itself where forces are smooth; else each step is as good as its word
-        smooth = obstacles.shape[1] == 0
-        for i in range(n):
-            smooth = smooth and not laws_act(joints, b, i)
-        # nothing resists a turn about itself of a rope that neither end holds
-        loose = 0.0
-        if joints[b, 0, STIFFNESS + 2] == 0.0 and joints[b, n - 1, STIFFNESS + 2] == 0.0:
-            loose = LEAST_ADDED
-        rough, kept = 0, 0.0
-        for k in range(obstacles.shape[1]):
-            if obstacles[b, k, FRICTION] > 0.0 and fresh == 0:
-                rough = 1
+        kept, alive = 0.0, True
         for t in range(1, x.shape[1]):
-            predict(b, t, x, q, first, end_x, end_q, grips, clamped)
-            if fresh == 1:
-                for i in range(n):
-                    begin(joints, past, b, b, t - 1, i, 0)
-            done, converged = not alive, False
-            count = 0
-            lowest, least, promised = 1e300, 1e300, 0.0
-            step, last_step, fraction = 1e300, 1e300, 1.0
-            # what is added to the Hessian: where it is not positive definite, and where steps made it worse
-            shift, enough, damping = 0.0, 0.0, 0.0
-            shifted, exact, fresh_base = False, False, False
-            # friction first by the limits of the step before, which makes it a potential; then in full
-            lagged, rounds, again, noted = rough, 1, 1, False
-            # first with the segments' forces as unknowns of their own, those of the step before to begin with
-            mixed = 1 - rough
-            astray = False
-            if mixed == 1:
-                note_forces(b, t - 1, x, q, segments, steps, y, 0.0, expected)
-            while not done and count < most:
-                count += 1
-                energy = assemble(
-                    b, b, t, b, x, q, first, past, slip, sliding, end_q, steps, joints, segments, particles,
-                    contacts, obstacles, grips, clamped, moving, momentum, fresh, symmetric, 0, lagged,
-                    limits, mixed, expected, upper, lower, y, past, slip, True, plain,
+            pieces = 1
+            if ti.static(not plain):
+                pieces = pieces_of(
+                    b, t, x, first, end_x, steps, segments, contacts, obstacles, clamped, momentum, moving,
+                    fresh,
                 )  # fmt: skip
-                clear_held(y, b, 0, n, b, grips, clamped)
-                # forces without a potential have no energy that falls; then the forces themselves may
-                force = 0.0
-                if symmetric == 0:
-                    for r in range(rows):
-                        force += y[b, 0, r] * y[b, 0, r] / scale_of(r, scale_x, scale_t)
-                worse = energy > lowest + 1e-13 * ti.abs(lowest) + 1e-18
-                if symmetric == 0 and lagged == 0:
-                    worse = force > least and (worse or rough == 1)
-                worse = worse and shift == 0.0 and not exact and mixed == 0
-                if worse and fraction > (0.2 if lagged == rough else 0.1):
-                    # the same step, half as far
-                    fraction *= 0.5
-                    stand(b, t, x, q, base_x, base_q, y, fraction)
-                elif worse and lagged < rough:
-                    # the contacts' state goes to and fro: back to the base, with its limits, and nearer with
-                    # limits noted again and again
-                    stand(b, t, x, q, base_x, base_q, y, 0.0)
-                    note_limits(b, t, x, contacts, obstacles, limits)
-                    lagged, noted = 1, True
-                    rounds = ti.min(4 * rounds, 256)
-                    again = rounds
-                    lowest, least, step, fraction = 1e300, 1e300, 1e300, 1.0
-                    fresh_base = False
-                elif worse and damping < MOST_ADDED:
-                    # another step from the base, in which what is soft goes less far
-                    stand(b, t, x, q, base_x, base_q, y, 0.0)
-                    damping = ti.max(LEAST_ADDED, ti.max(10.0 * ti.max(damping, enough), kept / 10.0))
-                    step, fraction = 1e300, 1.0
-                    fresh_base = False
+            if fresh == 1:
+                for i in range(x.shape[2]):
+                    begin(joints, past, b, b, t - 1, i, 0)
+            whole, found = steps[b, t, 0], CONVERGED
+            for piece in range(pieces if alive else 0):
+                share = (piece + 1.0) / pieces
+                steps[b, t, 0] = share * whole
+                if pieces == 1:
+                    predict(b, t, x, q, first, end_x, end_q, grips, clamped)
                 else:
-                    if fresh_base and damping > 0.0:
-                        kept = damping
-                        damping /= 10.0 if lowest - energy > 0.75 * promised else 3.0
-                        if damping < LEAST_ADDED:
-                            damping = 0.0
-                    lowest, least, fresh_base = energy, force, False
-                    hold_ends(upper, lower, b, n, b, grips, clamped, symmetric)
-                    added = ti.max(loose, ti.max(shift, damping))
-                    stiffen(upper, b, rows, added, scale_x, scale_t)
-                    indefinite = factor(upper, lower, b, rows, symmetric, 0 if exact else 1) > 0
-                    if mixed == 1 and (indefinite or astray or count > MOST_MIXED):
-                        # once more from the beginning, now downhill
-                        mixed = 0
-                        predict(b, t, x, q, first, end_x, end_q, grips, clamped)
-                        lowest, least, step, last_step, fraction = 1e300, 1e300, 1e300, 1e300, 1.0
-                    elif indefinite:
-                        # a rope about to buckle: the same again, stiffer; at first a little less than was
-                        # enough before
-                        shift = ti.max(LEAST_ADDED, 10.0 * ti.max(added, enough / 1000.0))
-                        count -= 1
-                        if shift > MOST_ADDED:
-                            done, alive = True, False
-                            status[b, t - 1] = NOT_FINITE
-                    else:
-                        shifted, enough, shift, fresh_base = shift > 0.0, shift, 0.0, True
-                        for r in range(rows):
-                            y[b, 1, r] = y[b, 0, r]
-                        solve(upper, lower, b, y, b, 1, rows, symmetric)
-                        last_step, step, promised = step, 0.0, 0.0
-                        for r in range(rows):
-                            went = y[b, 1, r]
-                            step = ti.max(step, ti.abs(went))
-                            held = added * scale_of(r, scale_x, scale_t)
-                            promised += 0.5 * went * (y[b, 0, r] + held * went)
-                        astray = not (step <= last_step)
-                        if mixed == 0 and not (step < 1e300):
-                            done, alive = True, False
-                            status[b, t - 1] = NOT_FINITE
-                        fraction = ti.min(1.0, LARGEST_TURN / (step + 1e-300))
-                        if exact and step > LARGEST_POLISH:
-                            fraction = 0.0
-                        for p in range(n):
-                            base_x[b, p] = x[b, t, p]
-                        for i in range(n + 1):
-                            base_q[b, i] = q[b, t, i]
-                        if mixed == 1:
-                            note_forces(b, t, x, q, segments, steps, y, fraction, expected)
-                        if lagged == 1:
-                            note_pulls(b, t, base_x, x, y, slip, limits)
-                        stand(b, t, x, q, base_x, base_q, y, fraction)
-                        met = False
-                        if exact:
-                            done = step < tolerance or fraction == 0.0 or step > 0.5 * last_step
-                            converged = done
-                        elif damping > 0.0:
-                            noted = False
-                        elif lagged == 1:
-                            # only what moves no further under the limits that belong to it is an equilibrium
-                            met = noted and step < tolerance
-                            noted = False
-                            if step < LAGGED_ENOUGH / rounds and not met:
-                                note_limits(b, t, x, contacts, obstacles, limits)
-                                again -= 1
-                                lagged, noted = 1 if again > 0 else 0, True
-                                lowest, least, step = 1e300, 1e300, 1e300
-                        else:
-                            bend = QUADRATIC_MIXED_1_M if mixed == 1 else QUADRATIC_1_M
-                            met = (
-                                (smooth and step * step * bend < tolerance)
-                                or step < tolerance
-                                or (step < ROUNDING and step > 0.5 * last_step)
-                            )
-                        if met and shifted:
-                            # a stiffer Hessian's step is not what is missing to a saddle
-                            exact, lagged, step = True, 0, 1e300
-                        elif met:
-                            done, converged = True, True
-            if rough == 1:
-                note_limits(b, t, x, contacts, obstacles, limits)
-            iterations[b, t - 1] = count
-            if alive and not converged:
-                status[b, t - 1] = UNCONVERGED
+                    lead(b, t, piece / float(pieces), share, x, q, end_x, end_q, grips, clamped)
+                found, count, kept = equilibrium(
+                    b, t, int(pieces == 1), x, q, first, past, slip, sliding, end_x, end_q, steps, joints,
+                    segments, particles, contacts, obstacles, grips, clamped, moving, momentum, fresh,
+                    symmetric, tolerance, most, kept, upper, lower, y, limits, expected, base_x, base_q,
+                    plain,
+                )  # fmt: skip
+                iterations[b, t - 1] += count
+            steps[b, t, 0] = whole
+            status[b, t - 1] = found
+            alive = alive and found != NOT_FINITE
             if ti.static(not plain):
                 advance(
                     b, b, t, b, t, x, q, past, slip, sliding, steps, joints, contacts, obstacles, fresh,
                     symmetric, 0, past, slip,
                 )  # fmt: skip
+
+
+__all__ = ["CONVERGED", "NOT_FINITE", "UNCONVERGED", "roll_out"]

@@ -25,8 +25,8 @@ from dlolib.sim.assembly import (
 )
 from dlolib.sim.band import HALF, entry, factor
 from dlolib.sim.contact import friction
-from dlolib.sim.direct import NOT_FINITE
 from dlolib.sim.effects import LAWS
+from dlolib.sim.equilibrium import NOT_FINITE
 from dlolib.sim.joints import HISTORY, begin, curvature, law_acts, law_derivatives, laws_act
 from dlolib.sim.runtime import NEAR, ti, vec3, vec4
 from dlolib.sim.scene import LAWS as FIRST

@@ -15,8 +15,9 @@ from dlolib.types import Floats
 STIFFNESS, REST, LENGTH, UNIFORM, PRIOR, LAWS = 0, 3, 6, 7, 8, 10
 # Columns of `Scene.particles`: inertial mass [kg], drag [N s/m], load [N].
 INERTIA, DRAG, LOAD = 0, 1, 2
-# The column of `Scene.obstacles` with the coefficient of friction; a shape's own values end before it.
-FRICTION = 15
+# Columns of `Scene.obstacles`: half the thickness [m], the coefficient of friction; a shape's own values end
+# before these.
+THIN, FRICTION = 14, 15
 # Contact points a segment: between them a straight one of 15 mm dips 0.05 mm into a cylinder of 34 mm.
 SAMPLES = 4
 

@@ -119,6 +119,20 @@ def test_a_rope_pushed_onto_a_cylinder_stays_outside() -> None:
     assert gap.min() > -1e-4
 
 
+@pytest.mark.parametrize("radius_m", [0.005, 0.01])
+@pytest.mark.parametrize("step_s", [None, 0.05])
+def test_no_rope_passes_through_a_thin_cylinder_in_steps_of_50_mm(
+    radius_m: float, step_s: float | None
+) -> None:
+    under = cylinder(0.17, -0.17 - radius_m)
+    thin = replace(under, values=under.values | {"radius_m": (radius_m,), "height_m": (0.4,)})
+    way = np.linspace([0.33, 0.0, 0.02], [0.33, 0.0, -0.18], 5)[1:]
+    rollout = moved(Rod(ROPE, EI, GJ), settled(obstacles=(thin,)), way, Clock(step_s), (thin,))
+    over = [np.interp(0.17, shape[:, 0], shape[:, 2]) for shape in rollout.x[0]]
+    assert min(over) > -0.17
+    assert clearance(rollout.x[0], ROPE.radius_m, (thin,)).min() > -3e-4
+
+
 def test_ends_further_apart_than_the_rope_is_long_are_refused() -> None:
     with pytest.raises(SimulationError, match="apart"):
         settled(end=pose(0.5, 0, 0))

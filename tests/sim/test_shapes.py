@@ -7,6 +7,7 @@ from dlolib.formats import signed_distance
 from dlolib.obstacles import SHAPES
 from dlolib.sim import shapes
 from dlolib.sim.runtime import ti, vec3
+from dlolib.sim.scene import THIN
 from dlolib.types import Obstacle
 
 EXAMPLES = {
@@ -59,6 +60,15 @@ def at(shape: str, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 def test_every_shape_of_the_formats_is_known() -> None:
     assert {shape.NAME for shape in shapes.ALL} == set(SHAPES) == set(EXAMPLES)
+
+
+@pytest.mark.parametrize("shape", EXAMPLES)
+def test_nothing_lies_deeper_than_half_of_the_thickness(shape: str) -> None:
+    u = np.linspace(-0.06, 0.06, 41)
+    around = np.array(INSIDE[shape]) + np.stack(np.meshgrid(u, u, u), axis=-1).reshape(-1, 3)
+    packed = shapes.pack([Obstacle(shape, EXAMPLES[shape])])
+    deepest, half = -at(shape, around)[0].min(), packed[0, THIN]
+    assert np.isinf(half) if shape == "plane" else 0.9 * half < deepest <= half + 1e-12
 
 
 @pytest.mark.parametrize("shape", EXAMPLES)

@@ -7,6 +7,7 @@ import numpy as np
 
 from dlolib.sim.rotations import identity
 from dlolib.sim.runtime import ti, vec3
+from dlolib.sim.scene import THIN
 from dlolib.sim.shapes import box, capsule, cylinder, plane, sphere
 from dlolib.types import Floats, Obstacle
 
@@ -15,13 +16,14 @@ WIDTH = 16
 
 
 def pack(obstacles: Sequence[Obstacle]) -> Floats:
-    """Obstacles as rows (K, 16): the shape's number, then its values."""
+    """Obstacles as rows (K, 16): the shape's number, its values, and half of its thickness in column THIN."""
     numbers = {shape.NAME: number for number, shape in enumerate(ALL)}
     rows = np.zeros((len(obstacles), WIDTH))
     for row, obstacle in zip(rows, obstacles, strict=True):
         number = numbers[obstacle.shape]
         values = [float(number), *ALL[number].pack(obstacle.values)]
         row[: len(values)] = values
+        row[THIN] = ALL[number].half_thickness(obstacle.values)
     return rows
 
 

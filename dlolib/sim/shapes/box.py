@@ -15,6 +15,11 @@ def pack(values: Mapping[str, tuple[float, ...]]) -> list[float]:
     return [*values["center_m"], *(a / norm for a in q), *(s / 2 for s in values["size_m"])]
 
 
+def half_thickness(values: Mapping[str, tuple[float, ...]]) -> float:
+    """Half of its shortest edge [m]."""
+    return min(values["size_m"]) / 2
+
+
 @ti.func
 def signed_distance(p: vec3, o: ti.template(), b: int, k: int):
     """Distance to the surface [m], its gradient and Hessian, and 0: a box has no end sections."""

@@ -15,6 +15,11 @@ def pack(values: Mapping[str, tuple[float, ...]]) -> list[float]:
     return [*values["center_m"], *(a / norm for a in axis), values["radius_m"][0], values["height_m"][0] / 2]
 
 
+def half_thickness(values: Mapping[str, tuple[float, ...]]) -> float:
+    """Its radius [m]."""
+    return values["radius_m"][0]
+
+
 @ti.func
 def signed_distance(p: vec3, o: ti.template(), b: int, k: int):
     """Distance to the surface [m], its gradient and Hessian, and 0: a capsule has no end sections."""

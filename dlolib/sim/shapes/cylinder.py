@@ -15,6 +15,11 @@ def pack(values: Mapping[str, tuple[float, ...]]) -> list[float]:
     return [*values["center_m"], *(a / norm for a in axis), values["radius_m"][0], values["height_m"][0] / 2]
 
 
+def half_thickness(values: Mapping[str, tuple[float, ...]]) -> float:
+    """Its radius, or half of its height where that is less [m]."""
+    return min(values["radius_m"][0], values["height_m"][0] / 2)
+
+
 @ti.func
 def signed_distance(p: vec3, o: ti.template(), b: int, k: int):
     """Distance to the surface [m], its gradient and Hessian, and 1 where an end section is nearest."""

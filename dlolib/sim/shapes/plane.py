@@ -1,6 +1,7 @@
 """A half space: a point of its surface and the normal that points out of it."""
 
 from collections.abc import Mapping
+from math import inf
 
 from dlolib.sim.rotations import identity
 from dlolib.sim.runtime import ti, vec3
@@ -13,6 +14,11 @@ def pack(values: Mapping[str, tuple[float, ...]]) -> list[float]:
     normal = values["normal"]
     norm = sum(a * a for a in normal) ** 0.5
     return [*values["point_m"], *(a / norm for a in normal)]
+
+
+def half_thickness(values: Mapping[str, tuple[float, ...]]) -> float:
+    """A half space is infinitely thick."""
+    return inf
 
 
 @ti.func

@@ -13,6 +13,11 @@ def pack(values: Mapping[str, tuple[float, ...]]) -> list[float]:
     return [*values["center_m"], values["radius_m"][0]]
 
 
+def half_thickness(values: Mapping[str, tuple[float, ...]]) -> float:
+    """Its radius [m]."""
+    return values["radius_m"][0]
+
+
 @ti.func
 def signed_distance(p: vec3, o: ti.template(), b: int, k: int):
     """Distance to the surface [m], its gradient and Hessian, and 0: a sphere has no end sections."""
