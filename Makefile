@@ -52,6 +52,11 @@ sweeps: .venv/installed ## diagnose two sweeps and settled poses of one real cab
 	@[ -n "$(DATA)" ] || { echo "make sweeps: DATA is not set; say where the recordings lie: make sweeps DATA=DIR" >&2; exit 2; }
 	@python -m stages.sweeps "$(DATA)" $(CASE)
 
+.PHONY: deform
+deform: .venv/installed ## fit two cables swung fast by two arms, in DATA=DIR, and foretell others open loop: reports/deform.json
+	@[ -n "$(DATA)" ] || { echo "make deform: DATA is not set; say where the recordings lie: make deform DATA=DIR" >&2; exit 2; }
+	@python -m stages.deform "$(DATA)" $(CASE)
+
 .PHONY: elastic
 elastic: .venv/installed ## the laboratory with an elastic rope: is the EI that comes out the one that went in?
 	@python -m stages.elastic
