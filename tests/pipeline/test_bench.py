@@ -3,6 +3,7 @@
 import pytest
 
 from stages import bench, peers, speed
+from stages.timing import Figure
 
 
 def test_mujocos_flex_and_our_rod_come_to_the_same_elastica() -> None:
@@ -19,6 +20,15 @@ def test_mujocos_flex_and_our_rod_come_to_the_same_elastica() -> None:
 def test_every_key_is_measured_once() -> None:
     measured = [key for keys, _ in bench.MEASURES for key in keys]
     assert sorted(measured) == sorted(bench.GOALS)
+
+
+@pytest.mark.parametrize("key", bench.WHY)
+def test_what_misses_its_goal_says_why_and_what_meets_it_does_not(key: str) -> None:
+    goal = bench.GOALS[key]
+    better = goal.goal * (2.0 if goal.at_least else 0.5)
+    assert bench._how(key, Figure(better, "so")) == "so"
+    assert bench.WHY[key] in bench._how(key, Figure(goal.goal**2 / better, "so"))
+    assert bench._how(key, Figure(None, "not here")) == "not here"
 
 
 def test_our_rod_hangs_and_bends_as_cosseratbench_wants_it() -> None:
