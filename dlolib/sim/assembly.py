@@ -291,8 +291,8 @@ def carried(
     """What particle p would move in the step to index t if nothing changed its velocity [m]."""
     moved = x[b, t - 1, p] - first[b, p]
     if t > 1:
-        moved = (x[b, t - 1, p] - x[b, t - 2, p]) * (steps[case, t, 0] / steps[case, t - 1, 0])
-    return moved
+        moved = x[b, t - 1, p] - x[b, t - 2, p]
+    return moved * (steps[case, t, 0] / steps[case, t - 1, 0])
 
 
 @ti.func
@@ -306,23 +306,20 @@ def grip(held: vec4, frame: vec4, stiffness: vec3):
 
 @ti.func
 def advance(
-    case: int, b: int, t: int, m: int, u: int, x: ti.template(), q: ti.template(), past: ti.template(),
-    slip: ti.template(), sliding: ti.template(), steps: ti.template(), joints: ti.template(),
-    contacts: ti.template(), obstacles: ti.template(), fresh: int, symmetric: int, forced: int,
-    out_past: ti.template(), out_slip: ti.template(),
+    b: int, t: int, x: ti.template(), q: ti.template(), past: ti.template(), slip: ti.template(),
+    sliding: ti.template(), steps: ti.template(), joints: ti.template(), contacts: ti.template(),
+    obstacles: ti.template(), fresh: int,
 ):  # fmt: skip
-    """The histories of laws and contacts after the step to index t, into out_past[m, u], out_slip[m, u].
-
-    Unless `forced`, the branches that they took go into them and into `sliding`.
-    """
+    """The histories of laws and contacts after the step to index t, into past[b, t] and slip[b, t], with the
+    branches that they took in past and `sliding`."""
     n = joints.shape[1]
-    dt = steps[case, t, 0] * (1 - fresh)
+    dt = steps[b, t, 0] * (1 - fresh)
     for i in range(n):
-        now_l, before_l = joint_lengths(joints, steps, case, t, i)
-        if laws_act(joints, case, i):
+        now_l, before_l = joint_lengths(joints, steps, b, t, i)
+        if laws_act(joints, b, i):
             kappa = curvature(q, b, t, i, now_l)
-            before = bent_before(joints, q, case, b, t, i, before_l, fresh)
-            remember(joints, past, case, b, t - 1, i, kappa, before, dt, forced, out_past, m, u)
+            before = bent_before(joints, q, b, b, t, i, before_l, fresh)
+            remember(joints, past, b, t, i, kappa, before, dt)
         for j in range(SAMPLES):
             if slip.shape[2] > 1 and (j == 0 or i + 1 < n):
                 k = SAMPLES * i + j
@@ -330,13 +327,10 @@ def advance(
                 if fresh == 0:
                     _e, _hold, stretch, _by_p, _by_past, slides = friction(
                         sample(x, b, t, i, j), sample(x, b, t - 1, i, j), slip[b, t - 1, k],
-                        contacts[case, k, 1], contacts[case, k, 0], obstacles, case,
-                        kept(sliding, b, t, k, forced),
-                        vec4(-1.0), vec3(0.0),
+                        contacts[b, k, 1], contacts[b, k, 0], obstacles, b, -1, vec4(-1.0), vec3(0.0),
                     )  # fmt: skip
-                    if forced == 0:
-                        sliding[b, t, k] = slides
-                out_slip[m, u, k] = stretch
+                    sliding[b, t, k] = slides
+                slip[b, t, k] = stretch
 
 
 @ti.func

@@ -95,7 +95,7 @@ def gathered(y: ti.template(), b: int, c: int, p: int, j: int) -> vec3:
 
 @ti.func
 def bent_of(bent: ti.template(), b: int, c: int, i: int) -> vec2:
-    """What `bend_laws` kept last of joint i: how its two curvatures [1/m] change with parameter c."""
+    """What `keep_bent` kept last of joint i: how its two curvatures [1/m] change with parameter c."""
     return vec2(bent[b, c, i, 0], bent[b, c, i, 1])
 
 
@@ -212,6 +212,9 @@ def sensitivities(
         n = x.shape[2]
         rows = 6 * (n + 1)
         keep_bent(bent, turn, q, joints, steps, b, 0)
+        for c in range(last.shape[1]):
+            for i in range(n + 1):
+                next_turn[b, c, i] = turn[b, c, i]
         for t in range(1, x.shape[1]):
             m = b * (x.shape[1] - 1) + t - 1
             for c in range(last.shape[1]):
@@ -219,7 +222,7 @@ def sensitivities(
                     y[b, c, r] = by_force[m, c, r]
                 if moving == 1:
                     rate = 1.0 / steps[b, t, 0]
-                    ratio = 1.0 if t == 1 else steps[b, t, 0] / steps[b, ti.max(t - 1, 1), 0]
+                    ratio = steps[b, t, 0] / steps[b, t - 1, 0]
                     for p in range(n):
                         inertia, drag = particles[b, p, INERTIA] * rate * rate, particles[b, p, DRAG] * rate
                         moved = last[b, c, p] - last_but_one[b, c, p]
@@ -401,7 +404,7 @@ def adjoint(
                 d_parameter[b, c, 0] += total
             if moving == 1:
                 rate = 1.0 / steps[b, t, 0]
-                ratio = 1.0 if t == 1 else steps[b, t, 0] / steps[b, ti.max(t - 1, 1), 0]
+                ratio = steps[b, t, 0] / steps[b, t - 1, 0]
                 for p in range(n):
                     r = 6 * (p + 1)
                     pull = vec3(y[b, 0, r], y[b, 0, r + 1], y[b, 0, r + 2])

@@ -16,8 +16,8 @@ from dlolib.sim.assembly import (
     vectors2,
     vectors3,
 )
-from dlolib.sim.equilibrium import CONVERGED, NOT_FINITE, UNCONVERGED, equilibrium
-from dlolib.sim.foretell import lead, pieces_of, predict
+from dlolib.sim.equilibrium import CONVERGED, NOT_FINITE, TOO_FAR, UNCONVERGED, equilibrium
+from dlolib.sim.foretell import MOST_PIECES, farthest, lead, predict, way_of
 from dlolib.sim.joints import begin
 from dlolib.sim.runtime import APART, ti
 
@@ -52,6 +52,8 @@ def roll_out(
     y: scalars3,
     limits: scalars3,
     expected: vectors2,
+    begin_x: vectors2,
+    begin_q: frames2,
     base_x: vectors2,
     base_q: frames2,
     status: flags2,
@@ -65,40 +67,37 @@ def roll_out(
         if lane % APART != 0:
             continue
         b = lane // APART
-        kept, alive = 0.0, True
+        added, alive = 0.0, True
         for t in range(1, x.shape[1]):
-            pieces = 1
-            if ti.static(not plain):
-                pieces = pieces_of(
-                    b, t, x, first, end_x, steps, segments, contacts, obstacles, clamped, momentum, moving,
-                    fresh,
-                )  # fmt: skip
             if fresh == 1:
                 for i in range(x.shape[2]):
                     begin(joints, past, b, b, t - 1, i, 0)
-            whole, found = steps[b, t, 0], CONVERGED
+            predict(b, t, x, q, first, end_x, end_q, grips, clamped)
+            pieces, found, whole = 1, CONVERGED, steps[b, t, 0]
+            if ti.static(not plain) and obstacles.shape[1] > 0 and fresh == 0:
+                far = way_of(b, t, x, q, end_x, end_q, segments, grips, clamped)
+                most_m = farthest(b, t, far, x, steps, segments, contacts, obstacles)
+                pieces = ti.max(int(ti.ceil(ti.min(far / most_m, MOST_PIECES + 1.0))), 1)
+            if alive and pieces > MOST_PIECES:
+                alive, found = False, TOO_FAR
             for piece in range(pieces if alive else 0):
                 share = (piece + 1.0) / pieces
                 steps[b, t, 0] = share * whole
-                if pieces == 1:
-                    predict(b, t, x, q, first, end_x, end_q, grips, clamped)
-                else:
+                if pieces > 1:
                     lead(b, t, piece / float(pieces), share, x, q, end_x, end_q, grips, clamped)
-                found, count, kept = equilibrium(
-                    b, t, int(pieces == 1), x, q, first, past, slip, sliding, end_x, end_q, steps, joints,
-                    segments, particles, contacts, obstacles, grips, clamped, moving, momentum, fresh,
-                    symmetric, tolerance, most, kept, upper, lower, y, limits, expected, base_x, base_q,
-                    plain,
+                found, count, added = equilibrium(
+                    b, t, x, q, first, past, slip, sliding, end_q, steps, joints, segments, particles,
+                    contacts, obstacles, grips, clamped, moving, momentum, fresh, symmetric, tolerance, most,
+                    added, upper, lower, y, limits, expected, begin_x, begin_q, base_x, base_q, plain,
                 )  # fmt: skip
                 iterations[b, t - 1] += count
+                if found != CONVERGED:
+                    break
             steps[b, t, 0] = whole
             status[b, t - 1] = found
             alive = alive and found != NOT_FINITE
             if ti.static(not plain):
-                advance(
-                    b, b, t, b, t, x, q, past, slip, sliding, steps, joints, contacts, obstacles, fresh,
-                    symmetric, 0, past, slip,
-                )  # fmt: skip
+                advance(b, t, x, q, past, slip, sliding, steps, joints, contacts, obstacles, fresh)
 
 
-__all__ = ["CONVERGED", "NOT_FINITE", "UNCONVERGED", "roll_out"]
+__all__ = ["CONVERGED", "NOT_FINITE", "TOO_FAR", "UNCONVERGED", "roll_out"]

@@ -10,14 +10,13 @@ eight. What they do not find is sought downhill, by the energy.
 from dlolib.sim.assembly import assemble, clear_held, hold_ends, sample
 from dlolib.sim.band import factor, solve
 from dlolib.sim.contact import grip_of
-from dlolib.sim.foretell import farthest, predict
 from dlolib.sim.joints import laws_act
 from dlolib.sim.rotations import rotated
 from dlolib.sim.runtime import ti, vec3
 from dlolib.sim.scene import FRICTION, SAMPLES, STIFFNESS
 from dlolib.sim.strain import stretch_shear_force
 
-CONVERGED, UNCONVERGED, NOT_FINITE = 0, 1, 2
+CONVERGED, UNCONVERGED, NOT_FINITE, TOO_FAR = 0, 1, 2, 3
 LARGEST_TURN = 0.5
 # A Newton step this small that no longer shrinks is rounding: the stretch stiffness times the last bit of a
 # position is a force, and a soft rope moves under it.
@@ -142,34 +141,24 @@ def note_forces(
 
 
 @ti.func
-def longest_way(y: ti.template(), b: int, n: int) -> float:
-    """The longest way of a particle in Newton's step in column 1 [m]."""
-    longest = 1e-300
-    for p in range(n):
-        r = 6 * (p + 1)
-        longest = ti.max(longest, vec3(y[b, 1, r], y[b, 1, r + 1], y[b, 1, r + 2]).norm())
-    return longest
-
-
-@ti.func
 def equilibrium(
-    b: int, t: int, foretold: int, x: ti.template(), q: ti.template(), first: ti.template(),
-    past: ti.template(), slip: ti.template(), sliding: ti.template(), end_x: ti.template(),
-    end_q: ti.template(), steps: ti.template(), joints: ti.template(), segments: ti.template(),
-    particles: ti.template(), contacts: ti.template(), obstacles: ti.template(), grips: ti.template(),
-    clamped: ti.template(), moving: int, momentum: float, fresh: int, symmetric: int, tolerance: float,
-    most: int, kept: float, upper: ti.template(), lower: ti.template(), y: ti.template(),
-    limits: ti.template(), expected: ti.template(), base_x: ti.template(), base_q: ti.template(),
-    plain: ti.template(),
+    b: int, t: int, x: ti.template(), q: ti.template(), first: ti.template(),
+    past: ti.template(), slip: ti.template(), sliding: ti.template(), end_q: ti.template(),
+    steps: ti.template(), joints: ti.template(), segments: ti.template(), particles: ti.template(),
+    contacts: ti.template(), obstacles: ti.template(), grips: ti.template(), clamped: ti.template(),
+    moving: int, momentum: float, fresh: int, symmetric: int, tolerance: float, most: int,
+    added_before: float, upper: ti.template(), lower: ti.template(), y: ti.template(), limits: ti.template(),
+    expected: ti.template(), begin_x: ti.template(), begin_q: ti.template(), base_x: ti.template(),
+    base_q: ti.template(), plain: ti.template(),
 ):  # fmt: skip
     """Newton's method from where the rope was put at index t, to where no force is left.
 
-    foretold: whether it was put where a whole step is foretold to lead (`predict`), from where it may begin
-    anew. kept: what was added to the Hessian last where steps made it worse.
+    added_before: what was added to the Hessian last where steps made it worse.
 
     Returns:
         whether it converged, or why not; the number of iterations; what was added to the Hessian last.
     """
+    kept = added_before
     n = x.shape[2]
     rows = 6 * (n + 1)
     length = segments[b, 0, 0]
@@ -183,10 +172,6 @@ def equilibrium(
     loose = 0.0
     if joints[b, 0, STIFFNESS + 2] == 0.0 and joints[b, n - 1, STIFFNESS + 2] == 0.0:
         loose = LEAST_ADDED
-    # among obstacles no particle goes further at once than they are thick
-    farthest_m = 1e300
-    if ti.static(not plain) and fresh == 0:
-        farthest_m = farthest(b, contacts, obstacles)
     rough = 0
     for k in range(obstacles.shape[1]):
         if obstacles[b, k, FRICTION] > 0.0 and fresh == 0:
@@ -201,8 +186,12 @@ def equilibrium(
     # friction first by the limits of the step before, which makes it a potential; then in full
     lagged, rounds, again, noted = rough, 1, 1, False
     # first with the segments' forces as unknowns of their own, those of the step before to begin with
-    mixed = foretold * (1 - rough)
+    mixed = 1 - rough
     astray = False
+    for p in range(n):
+        begin_x[b, p] = x[b, t, p]
+    for i in range(n + 1):
+        begin_q[b, i] = q[b, t, i]
     if mixed == 1:
         note_forces(b, t - 1, x, q, segments, steps, y, 0.0, expected)
     while not done and count < most:
@@ -256,7 +245,10 @@ def equilibrium(
             if mixed == 1 and (indefinite or astray or count > MOST_MIXED):
                 # once more from the beginning, now downhill
                 mixed = 0
-                predict(b, t, x, q, first, end_x, end_q, grips, clamped)
+                for p in range(n):
+                    x[b, t, p] = begin_x[b, p]
+                for i in range(n + 1):
+                    q[b, t, i] = begin_q[b, i]
                 lowest, least, step, last_step, fraction = 1e300, 1e300, 1e300, 1e300, 1.0
             elif indefinite:
                 # a rope about to buckle: the same again, stiffer; at first a little less than was
@@ -280,10 +272,6 @@ def equilibrium(
                 if mixed == 0 and not (step < 1e300):
                     done, found = True, NOT_FINITE
                 fraction = ti.min(1.0, LARGEST_TURN / (step + 1e-300))
-                if ti.static(not plain):
-                    # a mixed step minds no energy, and so no wall
-                    astray = astray or longest_way(y, b, n) > farthest_m
-                    fraction = ti.min(fraction, farthest_m / longest_way(y, b, n))
                 if exact and step > LARGEST_POLISH:
                     fraction = 0.0
                 for p in range(n):

@@ -1,21 +1,22 @@
 """Where the iteration of a step begins: foretold from the steps before, or carried on with the held ends.
 
-A step that takes a rope further than an obstacle near it is thick is made in several pieces, each the
-equilibrium at a share of its way and time, and Newton's own steps are no longer than that: else it would come
-out on the other side.
+A step that takes a rope further than an obstacle near it allows (`farthest`) is made in several pieces, each
+the equilibrium at a share of its way and time: else it might come out on the other side.
 """
 
-from dlolib.sim.assembly import carried, sample
-from dlolib.sim.contact import within
+from dlolib.sim.assembly import sample
+from dlolib.sim.rotations import matrix
 from dlolib.sim.runtime import ti, vec3
 from dlolib.sim.scene import SAMPLES, THIN
+from dlolib.sim.shapes import signed_distance
 
 # What comes next is foretold by a polynomial of an order up to this, which one particle in so many chooses.
 MOST_ORDER, LOOKED_AT = 5, 5
 orders = ti.types.vector(MOST_ORDER + 1, ti.f64)
 # A piece of a step takes a rope no further than this share of its own radius and half of an obstacle's
-# thickness; so many pieces at most.
-PASSED, MOST_PIECES = 0.5, 64
+# thickness; what is thinner than so much [m] is not looked at more finely. An obstacle that is no nearer than
+# that [m], or than twice the way, is none. So many pieces at most; a step that needs more is refused.
+PASSED, FINEST_M, NEAR_M, MOST_PIECES = 0.5, 5e-4, 0.05, 64
 
 
 @ti.func
@@ -118,36 +119,46 @@ def lead(
 
 
 @ti.func
-def farthest(b: int, contacts: ti.template(), obstacles: ti.template()) -> float:
-    """The farthest that a rope may go at once among its obstacles [m]: it could pass through the thinnest."""
-    most = 1e300
-    for k in range(obstacles.shape[1]):
-        most = ti.min(most, PASSED * (obstacles[b, k, THIN] + contacts[b, 0, 1]))
-    return most
+def way_of(
+    b: int, t: int, x: ti.template(), q: ti.template(), end_x: ti.template(), end_q: ti.template(),
+    segments: ti.template(), grips: ti.template(), clamped: ti.template(),
+) -> float:  # fmt: skip
+    """How far the step to index t may take any particle from where the step before left it [m].
+
+    As far as it is foretold to (it stands there), as its held ends go, and as far as what they turn swings.
+    """
+    n = x.shape[2]
+    far, length = 0.0, 0.0
+    for p in range(n):
+        far = ti.max(far, (x[b, t, p] - x[b, t - 1, p]).norm())
+        if p + 1 < n:
+            length += segments[b, p, 0]
+    for end in ti.static(range(2)):
+        if clamped[b, end] == 1:
+            far = ti.max(far, (end_x[b, t - 1, end] - x[b, t - 1, end * (n - 1)]).norm())
+            if grips[b, end, 0] == 0.0:
+                turned = matrix(end_q[b, t - 1, end]) - matrix(q[b, t - 1, end * n])
+                far = ti.max(far, length * vec3(turned[0, 2], turned[1, 2], turned[2, 2]).norm())
+    return far
 
 
 @ti.func
-def pieces_of(
-    b: int, t: int, x: ti.template(), first: ti.template(), end_x: ti.template(), steps: ti.template(),
-    segments: ti.template(), contacts: ti.template(), obstacles: ti.template(), clamped: ti.template(),
-    momentum: float, moving: int, fresh: int,
-) -> int:  # fmt: skip
-    """In how many pieces the step to index t is made, so that the rope cannot pass through the thinnest
-    obstacle near it."""
+def farthest(
+    b: int, t: int, far: float, x: ti.template(), steps: ti.template(), segments: ti.template(),
+    contacts: ti.template(), obstacles: ti.template(),
+) -> float:  # fmt: skip
+    """How far a rope that goes `far` may go at once [m], not to come out behind an obstacle near it."""
     n = x.shape[2]
-    pieces = 1
-    if obstacles.shape[1] > 0 and fresh == 0:
-        far, most = 0.0, farthest(b, contacts, obstacles)
-        for end in ti.static(range(2)):
-            if clamped[b, end] == 1:
-                far = ti.max(far, (end_x[b, t - 1, end] - x[b, t - 1, end * (n - 1)]).norm())
-        for p in range(n if moving == 1 else 0):
-            far = ti.max(far, momentum * carried(x, first, steps, b, b, t, p).norm())
-        if far > most:
-            near = False
-            for p in range(n - 1):
-                reach = contacts[b, SAMPLES * p, 1] + 0.6 * segments[b, p, 0] * steps[b, t, 1] + 2.0 * far
-                near = near or within(sample(x, b, t - 1, p, SAMPLES // 2), reach, obstacles, b)
-            if near:
-                pieces = ti.min(int(ti.ceil(far / most)), MOST_PIECES)
-    return pieces
+    most = 1e300
+    for k in range(obstacles.shape[1]):
+        radius = contacts[b, 0, 1]
+        thin = ti.max(PASSED * (obstacles[b, k, THIN] + radius), FINEST_M)
+        near = False
+        for p in range(n - 1 if thin < most else 0):
+            if not near:
+                reach = radius + 0.6 * segments[b, p, 0] * steps[b, t, 1] + ti.max(2.0 * far, NEAR_M)
+                d, _n, _h, _section = signed_distance(sample(x, b, t - 1, p, SAMPLES // 2), obstacles, b, k)
+                near = d < reach
+        if near:
+            most = thin
+    return most

@@ -71,11 +71,9 @@ def begin(joints: ti.template(), past: ti.template(), case: int, b: int, t: int,
                 vec2(joints[case, i, STIFFNESS], joints[case, i, STIFFNESS + 1]), joints[case, i, UNIFORM],
                 0.0, branch_of(past, b, t - 1, i, k, forced),
             )  # fmt: skip
-        past[b, t, i, 3 * k], past[b, t, i, 3 * k + 1], past[b, t, i, 3 * k + 2] = (
-            after[0],
-            after[1],
-            float(branch),
-        )
+        past[b, t, i, 3 * k], past[b, t, i, 3 * k + 1] = after[0], after[1]
+        if forced == 0:
+            past[b, t, i, 3 * k + 2] = float(branch)
 
 
 @ti.func
@@ -116,27 +114,23 @@ def respond(
 
 @ti.func
 def remember(
-    joints: ti.template(), past: ti.template(), case: int, b: int, t: int, i: int, now: vec3, before: vec3,
-    dt: float, forced: int, out: ti.template(), m: int, u: int,
+    joints: ti.template(), past: ti.template(), b: int, t: int, i: int, now: vec3, before: vec3, dt: float
 ):  # fmt: skip
-    """The laws' histories after the step, into out[m, u, i]; the arguments are those of `respond`."""
+    """The laws' histories after the step to index t, and the branches that they took, into past[b, t, i]; the
+    arguments are those of `respond`."""
     for k in ti.static(range(len(LAWS))):
-        p = vec2(joints[case, i, FIRST + 2 * k], joints[case, i, FIRST + 2 * k + 1])
+        p = vec2(joints[b, i, FIRST + 2 * k], joints[b, i, FIRST + 2 * k + 1])
         after = vec2(0.0)
         branch = 0
         if p[0] != 0.0:
             _m, after, _w, _mn, _mb, _mp, _hn, _hb, _hp, branch = LAWS[k].respond(
                 vec2(now[0], now[1]), vec2(before[0], before[1]),
-                vec2(past[b, t, i, 3 * k], past[b, t, i, 3 * k + 1]),
-                vec2(joints[case, i, REST], joints[case, i, REST + 1]), p,
-                vec2(joints[case, i, STIFFNESS], joints[case, i, STIFFNESS + 1]), joints[case, i, UNIFORM],
-                dt, branch_of(past, b, t, i, k, forced),
+                vec2(past[b, t - 1, i, 3 * k], past[b, t - 1, i, 3 * k + 1]),
+                vec2(joints[b, i, REST], joints[b, i, REST + 1]), p,
+                vec2(joints[b, i, STIFFNESS], joints[b, i, STIFFNESS + 1]), joints[b, i, UNIFORM], dt, -1,
             )  # fmt: skip
-        out[m, u, i, 3 * k], out[m, u, i, 3 * k + 1], out[m, u, i, 3 * k + 2] = (
-            after[0],
-            after[1],
-            float(branch),
-        )
+        past[b, t, i, 3 * k], past[b, t, i, 3 * k + 1] = after[0], after[1]
+        past[b, t, i, 3 * k + 2] = float(branch)
 
 
 @ti.func

@@ -190,13 +190,13 @@ def differences(
             )  # fmt: skip
             for r in range(6 * (n + 1)):
                 by_force[m, c, r] = over(by_force[m, c, r], y[m, 0, r], width, behind)
-            for i in range(n):
+            for i in range(n if by_past.shape[2] > 1 else 0):
                 for k in range(HISTORY // 3):
-                    if law_acts(joints, case, i, k):
-                        for r in ti.static(range(2)):
-                            by_past[m, c, i, 3 * k + r] = over(
-                                by_past[m, c, i, 3 * k + r], new_past[m, 0, i, 3 * k + r], width, behind
-                            )
+                    for r in ti.static(range(2)):
+                        value = 0.0
+                        if law_acts(joints, case, i, k):
+                            value = new_past[m, 0, i, 3 * k + r]
+                        by_past[m, c, i, 3 * k + r] = over(by_past[m, c, i, 3 * k + r], value, width, behind)
             if slip.shape[2] > 1:
                 for k in range(slip.shape[2]):
                     for r in ti.static(range(3)):

@@ -36,7 +36,7 @@ class Scene:
         segments: (B, n - 1, 4): length [m]; shear (twice) and axial stiffness GA, GA, EA [N].
         particles: (B, n, 5): see the columns above.
         contacts: (B, K, 2): contact stiffness [N/m] and the rope's radius [m] at its contact points.
-        obstacles: (B, M, 16): see `dlolib.sim.shapes`, and the coefficient of friction.
+        obstacles: (B, M, 16): see `dlolib.sim.shapes`, and the columns above.
         grips: (B, 2, 3): stiffness of the clamps about their axes [N m/rad]; 0: held fast.
         clamped: (B, 2): 1 where an end is held.
         symmetric: whether every law and contact has an energy, so that the Hessian is symmetric.

@@ -192,7 +192,8 @@ def _launch(
         np.ascontiguousarray(path.q), steps_of(path, clock), *scene.arrays(), *clock.flags,
         int(scene.symmetric), TOLERANCE, most, *(banded(ropes, n) for _ in range(2)),
         columns(ropes, 2, n), np.zeros((ropes, 7, scene.slips)),
-        *(np.empty((ropes, n, 3)) for _ in range(2)), np.empty((ropes, n + 1, 4)), status, taken,
+        np.empty((ropes, n, 3)),
+        *(np.empty((ropes, *shape)) for _ in range(2) for shape in ((n, 3), (n + 1, 4))), status, taken,
     )  # fmt: skip
     return Rollout(scene, clock, path, before, x, q, past, slip, sliding, taken), status
 
@@ -222,12 +223,14 @@ def _snap(rollout: Rollout, status: np.ndarray, rope: int) -> None:
 
 
 def steps_of(path: Path, clock: Clock) -> Floats:
-    """Duration of the step to each index and span at it, (B, T + 1, 2)."""
+    """Duration of the step to each index and span at it, (B, T + 1, 2); index 0 has the first step's."""
     ropes, count = path.x.shape[:2]
     steps = np.ones((ropes, count + 1, 2))
     steps[:, :, 0] = clock.step_s or 1.0
     if path.dt_s is not None:
         steps[:, 1:, 0] = path.dt_s
+    # the state before the first took as long
+    steps[:, 0, 0] = steps[:, min(count, 1), 0]
     if path.span is not None:
         steps[:, :, 1] = path.span
     return steps
@@ -255,6 +258,7 @@ def refuse(status: np.ndarray) -> None:
     why = {
         direct.UNCONVERGED: f"no equilibrium within {MOST_ITERATIONS} iterations",
         direct.NOT_FINITE: "the rod's Hessian is singular or the state not finite",
+        direct.TOO_FAR: "it takes the rope so far that it could pass through an obstacle near it",
     }[int(status[rope, step])]
     raise SimulationError(
         f"rope {rope}, step {step + 1}: {why}",

@@ -4,15 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sim.ropes import EI, GJ, GRAVITY, ROPE, cylinder, moved, pose, settled, swing, way_of
+from scipy.spatial.transform import Rotation
+from sim.ropes import EI, GJ, GRAVITY, LEVEL, ROPE, cylinder, moved, pose, settled, swing, way_of
 
 from dlolib.errors import SimulationError
 from dlolib.lab.elastica import planar_elastica
 from dlolib.sim.clearance import clearance
 from dlolib.sim.differentiate import Case, Variation, gradient
 from dlolib.sim.rod import Rod, scene
-from dlolib.sim.simulate import Clock, State, roll_out
-from dlolib.types import Ends, Floats
+from dlolib.sim.simulate import Clock, Path, State, roll_out
+from dlolib.sim.start import first_shape, settle
+from dlolib.types import Ends, Floats, Obstacle
 
 CLOCKS = {"dynamic": Clock(0.01), "quasi_static": Clock(None), "at_rest": Clock(0.01, momentum=0.0)}
 
@@ -131,6 +133,50 @@ def test_no_rope_passes_through_a_thin_cylinder_in_steps_of_50_mm(
     over = [np.interp(0.17, shape[:, 0], shape[:, 2]) for shape in rollout.x[0]]
     assert min(over) > -0.17
     assert clearance(rollout.x[0], ROPE.radius_m, (thin,)).min() > -3e-4
+
+
+def wire(x: float, top: float) -> Obstacle:
+    """A cylinder of 10 mm, its axis along y, its highest line at z = top."""
+    thick = cylinder(x, top - 0.005)
+    return replace(thick, values=thick.values | {"radius_m": (0.005,), "height_m": (0.4,)})
+
+
+def test_no_rope_is_swung_through_a_wire_by_its_clamp() -> None:
+    """5 degrees a step take the far end 39 mm; what is foretold from the steps before takes it as far."""
+    obstacles, ends = (wire(0.25, -0.06),), Ends("clamped", "free")
+    made = scene([Rod(ROPE, 0.02, 0.02)], GRAVITY, ends, obstacles)
+    start = first_shape(ROPE.length_m, 30, pose(0, 0, 0), None, GRAVITY)
+    turns = [Rotation.from_rotvec([0, angle, 0]) for angle in np.radians(np.arange(0, 41, 5))]
+    level = Rotation.from_quat(LEVEL, scalar_first=True)
+    held = np.array([(turn * level).as_quat(scalar_first=True) for turn in turns])
+    path = Path(np.zeros((1, 9, 2, 3)), np.repeat(held[None, :, None], 2, axis=2))
+    rest = settle(made, start, path).final.at_rest()
+    for shape in roll_out(made, rest, path, Clock(None)).x[0]:
+        assert np.interp(0.25, shape[:, 0], shape[:, 2]) > -0.06
+
+
+def test_a_rope_thrown_at_a_wire_is_stopped_in_its_first_step() -> None:
+    x = np.linspace(0, ROPE.length_m, 30)[:, None] * [1.0, 0.0, 0.0]
+    made = scene([Rod(ROPE, EI, GJ)], np.zeros(3), Ends("free", "free"), (wire(0.2225, -0.012),))
+    thrown = State(x[None], (x + np.array([0.0, 0.0, 0.2]))[None], np.tile(LEVEL, (1, 31, 1)))
+    nowhere = Path(np.zeros((1, 1, 2, 3)), np.tile(LEVEL, (1, 1, 2, 1)))
+    after = roll_out(made, thrown, nowhere, Clock(0.01)).x[0, 1]
+    assert np.interp(0.2225, after[:, 0], after[:, 2]) > -0.012
+
+
+def test_a_thin_obstacle_costs_nothing_where_the_rope_does_not_come() -> None:
+    obstacles = (wire(5.0, 0.0),)
+    start = settled(obstacles=obstacles)
+    far = moved(Rod(ROPE, EI, GJ), start, swing(8), Clock(None), obstacles)
+    alone = moved(Rod(ROPE, EI, GJ), start, swing(8), Clock(None))
+    assert far.iterations.max() <= alone.iterations.max() + 1
+
+
+def test_a_step_too_long_for_what_is_near_is_refused() -> None:
+    obstacles = (wire(0.17, -0.15),)
+    way = np.array([[0.1, 0.0, -0.3]])
+    with pytest.raises(SimulationError, match="could pass through an obstacle"):
+        moved(Rod(ROPE, EI, GJ), settled(obstacles=obstacles), way, Clock(None), obstacles)
 
 
 def test_ends_further_apart_than_the_rope_is_long_are_refused() -> None:
