@@ -26,6 +26,7 @@ from dlolib.sim.recording import (
     RecordingModel,
     Sides,
     as_seen,
+    check_mesh,
     held_path,
     largest_step,
     sides_of,
@@ -88,8 +89,9 @@ class PosesModel:
         return self._observed(len(self._motion.t_s))
 
     def setup(self, rod: Rod) -> Setup:
-        """The rod in the recording's surroundings."""
+        """The rod in the recording's surroundings; as `RecordingModel.setup`."""
         rec = self.recording
+        check_mesh(rod, self.particles)
         return setup(rod, rec.gravity_m_s2, rec.ends, rec.obstacles)
 
     def roll_out(self, rod: Rod) -> Rollout:

@@ -74,8 +74,13 @@ class RecordingModel:
     near: Rod | None = None
 
     def setup(self, rod: Rod) -> Setup:
-        """The rod in the recording's surroundings."""
+        """The rod in the recording's surroundings.
+
+        Raises:
+            ParameterError: it has another number of particles than the model.
+        """
         rec = self.recording
+        check_mesh(rod, self.particles)
         moving = not rec.quasi_static or self.sweeps is not None
         return setup(rod, rec.gravity_m_s2, rec.ends, rec.obstacles, moving)
 
@@ -289,6 +294,17 @@ def traced(rod: Rod, parameters: Sequence[str]) -> Rod:
             if name in parameters and rod.value(name) == known.neutral and np.isfinite(known.neutral):
                 traces[name] = known.neutral + TRACE * known.difference * known.scale
     return rod.with_values(traces) if traces else rod
+
+
+def check_mesh(rod: Rod, particles: int) -> None:
+    """Refuse a rod of another mesh than a model's: the kernels trust that arrays fit.
+
+    Raises:
+        ParameterError: it has another number of particles.
+    """
+    if rod.particles != particles:
+        problem = f"a rod of {rod.particles} particles where the recording's model has {particles}"
+        raise ParameterError(problem, mend=f"give rod.with_particles({particles})")
 
 
 class Settable(Protocol):

@@ -87,6 +87,12 @@ def test_settled_poses_are_solved_one_by_one() -> None:
     assert np.abs(each.by_parameter - one.by_parameter).max() < 1e-6 * np.abs(one.by_parameter).max()
 
 
+def test_a_rod_of_another_mesh_is_refused() -> None:
+    for model in (RecordingModel(recording(), 20, None), PosesModel(recording(), 20)):
+        with pytest.raises(ParameterError, match="30 particles where the recording's model has 20"):
+            model.predict(Rod(ROPE, EI, GJ))
+
+
 def poses(degrees: Floats, ends: Ends) -> Recording:
     """A rope seen at each of some angles about y to which its start was turned."""
     t_s, count = 30.0 * np.arange(len(degrees)), len(degrees)
