@@ -80,7 +80,9 @@ def summary(every: Sequence[dict[str, Any]]) -> dict[str, Any]:
         for kind in one["kinds"]:
             kinds.setdefault(kind, Counter())[one["outcome"]] += 1
     solved = [one for one in every if one["outcome"] == "solved"]
-    others = [one for one in every if one["outcome"] != "solved"]
+    # failures come first: of what was refused not all are listed
+    others = [one for one in every if one["outcome"] not in ("solved", "refused")]
+    others += [one for one in every if one["outcome"] == "refused"]
     tally = Counter(one["outcome"] for one in every)
     fine = [one["depth_m"] for one in solved if one["segment_m"] <= FINE_M]
     return {

@@ -267,26 +267,29 @@ def refuse(status: np.ndarray) -> None:
 
 
 def _refuse_torn(rollout: Rollout) -> None:
-    """Refuse a rope that is held longer than it can be, by its ends or round an obstacle."""
+    """Refuse a rope that is held longer than it can be, by its ends or obstacles, or pressed shorter."""
     scene, path = rollout.scene, rollout.path
-    if not scene.clamped.all() or path.x.shape[1] == 0:
+    held, among = bool(scene.clamped.all()), scene.obstacles.shape[1] > 0
+    if path.x.shape[1] == 0 or not (held or among):
         return
     weight = np.linalg.norm(scene.force, axis=2).sum(axis=1)
     most = TORN + TORN_OVER_WEIGHT * weight / scene.segments[..., 3].min(axis=1)
     span = 1.0 if path.span is None else path.span[:, 1:]
-    over = (
-        np.linalg.norm(path.x[:, :, 1] - path.x[:, :, 0], axis=2)
-        / scene.segment_l.sum(axis=1)[:, None]
-        / span
-    )
-    if scene.obstacles.shape[1]:
+    over = np.zeros(path.x.shape[:2])
+    if held:
+        apart = np.linalg.norm(path.x[:, :, 1] - path.x[:, :, 0], axis=2)
+        over = np.maximum(apart / scene.segment_l.sum(axis=1)[:, None] / span - 1, 0.0)
+    if among:
         pieces = np.linalg.norm(np.diff(rollout.x[:, 1:], axis=2), axis=3) / scene.segment_l[:, None]
-        over = np.maximum(over, pieces.max(axis=2) / span)
-    torn = over - 1 > most[:, None]
+        off = pieces / np.asarray(span)[..., None] - 1
+        worst = np.take_along_axis(off, np.abs(off).argmax(axis=2)[..., None], axis=2)[..., 0]
+        over = np.where(np.abs(worst) > over, worst, over)
+    torn = np.abs(over) > most[:, None]
     if torn.any():
         rope, step = np.argwhere(torn)[0]
+        off = float(over[rope, step])
         raise SimulationError(
-            f"rope {rope}, step {step + 1}: held {100 * (over[rope, step] - 1):.0f} % longer than it is, "
-            "it would tear",
+            f"rope {rope}, step {step + 1}: "
+            f"held {100 * abs(off):.0f} % {'longer' if off > 0 else 'shorter'} than it is, it would tear",
             mend="bring the ends nearer to each other, check the length, or give axial_stretch",
         )
