@@ -301,6 +301,7 @@ def test_the_chain_s_misses_are_named(content: dict) -> None:
         ("reports/practice.json", "practice recordings were not diagnosed"),
         ("reports/cables.json", "cables were not run"),
         ("reports/sweeps.json", "sweeps were not diagnosed"),
+        ("reports/deform.json", "swung cables were not foretold"),
         ("reports/elastic.json", "elastic laboratory was not run"),
         ("reports/solvers.json", "two solvers were not compared"),
         ("data/truth", "no truth to compare"),

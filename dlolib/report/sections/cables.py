@@ -1,4 +1,4 @@
-"""Real cables (cables.json, sweeps.json) and the elastic laboratory (elastic.json), beside the pipeline."""
+"""Real cables (cables, sweeps and deform.json) and the elastic laboratory (elastic.json), beside all that."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def section(results: Results, figures: Path) -> Section:
     laboratory against its truth."""
     blocks: list[Block] = []
     cables, elastic = results.json("cables.json"), results.json("elastic.json")
-    sweeps = results.json("sweeps.json")
+    sweeps, swung = results.json("sweeps.json"), results.json("deform.json")
     if not cables:
         blocks.append(Missing("The real cables were not run: `make cables DATA=DIR` writes their figures."))
     else:
@@ -37,6 +37,10 @@ def section(results: Results, figures: Path) -> Section:
         blocks.append(Missing("The real cable's sweeps were not diagnosed: `make sweeps DATA=DIR` does it."))
     else:
         blocks += _sweeps(sweeps["cases"])
+    if not swung:
+        blocks.append(Missing("The swung cables were not foretold: `make deform DATA=DIR` does it."))
+    else:
+        blocks.append(_swung(swung))
     if not elastic:
         blocks.append(Missing("The elastic laboratory was not run, so that its figures are missing here."))
     else:
@@ -127,6 +131,29 @@ def _sweeps(cases: Mapping[str, Any]) -> list[Block]:
         "mean square distance at the tip."
     )
     return [Table(caption, columns, tuple(rows)), Paragraph(said)]
+
+
+def _swung(swung: Mapping[str, Any]) -> Table:
+    """Cables that two arms swing: what each kind of material foretells of recordings left out of its fit."""
+    rows = []
+    for name, cable in swung["cables"].items():
+        for kind, found in cable["kinds"].items():
+            means = (found["left_out_mean_mm"], found["eval_mean_mm"])
+            errors = [fixed(mean[part], 1) for mean in means for part in ("all", "free")]
+            chosen = "chosen" if kind == cable["chosen"] else ""
+            rows.append((name.upper(), kind, chosen, *errors))
+    columns = (
+        Column("Cable", align="left"), Column("Material", align="wide"), Column("", align="left"),
+        Column("Left out, all", "mm"), Column("free", "mm"),
+        Column("Foretold, all", "mm"), Column("free", "mm"),
+    )  # fmt: skip
+    caption = (
+        "Two cables that two arms swing fast, open loop over all 5 s (`make deform DATA=DIR`): mean absolute "
+        "error per coordinate, of all markers and of the free ones. Left out: of each training recording by "
+        "the others' material, which chooses; foretold: of recordings that nothing was fitted to, goal "
+        f"{swung['goal_mm']:g} mm."
+    )
+    return Table(caption, columns, tuple(rows))
 
 
 def _elastic(elastic: Mapping[str, Any]) -> list[Block]:
