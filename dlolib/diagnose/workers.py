@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import pickle
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from types import TracebackType
 from typing import Any
@@ -44,8 +45,12 @@ def _never_alone() -> None:
     threading.Thread(target=wait, daemon=True).start()
 
 
-def _begin(study: Study) -> None:
-    _STUDY[:] = [study]
+def _begin(packed: bytes) -> None:
+    _STUDY[:] = [pickle.loads(packed)]
+
+
+def _ready(function: Callable[[Study], Any]) -> None:
+    function(_STUDY[0])
 
 
 def _call(function: Callable[[Study, Any], Any], job: Any) -> Any:
@@ -62,6 +67,7 @@ class Workers:
     def __init__(self, count: int) -> None:
         context = multiprocessing.get_context("spawn")
         self._others = [ProcessPoolExecutor(1, context, _never_alone) for _ in range(count - 1)]
+        self._begun: list[Future[None]] = []
         self._study: Study | None = None
 
     def __enter__(self) -> Workers:
@@ -80,11 +86,15 @@ class Workers:
     def begin(self, study: Study, ready: Callable[[Study], Any] | None = None) -> None:
         """Go on with this study; the other processes do `ready` first, which compiles what they need."""
         self._study = study
+        # packed here and now: a pool packs what it is given some time later, while this process works with
+        # the study and what it keeps changes; that failed, unheard, and the study before went on there
+        packed = pickle.dumps(study) if self._others else b""
+        self._begun = []
         for pool in self._others:
             with _unheard():
-                pool.submit(_begin, study)
+                self._begun.append(pool.submit(_begin, packed))
             if ready is not None:
-                pool.submit(ready, study)
+                pool.submit(_ready, ready)
 
     def __call__(self, function: Callable[[Study, Any], Any], jobs: Sequence[Any], what: str) -> list[Any]:
         """What the function makes of the study and each job."""
@@ -97,6 +107,9 @@ class Workers:
         found: list[Any] = [None] * len(jobs)
         for k in track(reversed(range(len(jobs))), what, len(jobs)):
             mine = not self._others or futures[k].cancel()
+            if not mine:
+                # where a job was done the study had begun, or failed to
+                self._begun[k % len(self._others)].result()
             found[k] = function(self._study, jobs[k]) if mine else futures[k].result()
         return found
 

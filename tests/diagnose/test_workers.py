@@ -7,7 +7,10 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+from dlolib.diagnose.workers import Workers
 
 STARTED = """
 import time
@@ -64,6 +67,50 @@ def test_ctrl_c_is_answered_by_the_first_process_alone(tmp_path: Path, after_s: 
     os.killpg(first.pid, signal.SIGINT)
     said = first.communicate(timeout=40)[1]
     assert said.count("Traceback") == 1
+
+
+class Changing:
+    """A study that this process goes on working with while it is sent to another."""
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+        self.kept = {key: np.zeros(2000) for key in range(2000)}
+
+
+def number_of(study: Changing, job: float) -> tuple[int, int]:
+    time.sleep(job)
+    return os.getpid(), study.number
+
+
+def test_every_process_works_on_the_study_that_began_last() -> None:
+    with Workers(2) as run:
+        for number in range(4):
+            study = Changing(number)
+            run.begin(study)
+            for key in range(2000):
+                study.kept[-key] = np.zeros(1)
+            study.number = -1 - number
+            done = run(number_of, [0.05] * 40, "numbers")
+            others = {found for process, found in done if process != os.getpid()}
+            assert others <= {number} and (others or number == 0)
+
+
+class Unsendable:
+    """A study that cannot be read where it arrives."""
+
+    def __reduce__(self) -> tuple[type, tuple[str]]:
+        return int, ("no number",)
+
+
+def test_a_study_that_does_not_arrive_is_an_error() -> None:
+    with Workers(2) as run, pytest.raises(ValueError, match="no number"):
+        run.begin(Unsendable())
+        for _ in range(100):
+            run(number_of_none, [0.05] * 40, "numbers")
+
+
+def number_of_none(_study: object, job: float) -> None:
+    time.sleep(job)
 
 
 def _lives(process: int) -> bool:
