@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 
 from dlolib.diagnose.fitting import Fitted
-from dlolib.diagnose.heldout import Foretold, refuted
-from dlolib.diagnose.residuals import explains, slow_modes
+from dlolib.diagnose.heldout import WORSE, Foretold, refuted
+from dlolib.diagnose.residuals import IDEALLY, explains, slow_modes
 from dlolib.diagnose.search import Searched
 from dlolib.diagnose.study import DiagnoseSettings, Study, ideal
 
@@ -23,8 +23,8 @@ MOST_TIED = 3
 COMPARED = 10
 # What an ideal law leaves because the rope's is of another form, as a share of what it explains, at most.
 OFF = 0.01
-# Another ideal law in place of the rope's may explain more than that itself, by this share at most.
-IMITATED = 0.02
+# Other ideal laws in place of the rope's or beside it may explain more than that itself, by this share.
+IMITATED = 0.1
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,11 @@ def _tied(
     settings: DiagnoseSettings,
     foretold: Mapping[Effects, Foretold],
 ) -> list[Fitted]:
-    """The first of the models, and those that are as good without having all of its effects and more."""
+    """The first of the models, and those that are as good without having more than another of them has.
+
+    As good is what is no further behind in BIC than a tie, or than laws' forms may put it, here and on
+    held-out motion.
+    """
     if not models:
         return []
     best, frames = models[0], study.frames
@@ -101,16 +105,41 @@ def _tied(
         ahead = 0.0 if told is None or by_best is None else -told.against(by_best)[0]
         return one.bic(frames) - best.bic(frames) - max(ahead, 0.0)
 
-    good = [one for one in models if behind(one) < _margin(one, best, base, settings)]
-    return [one for one in good if one is best or not set(best.effects) < set(one.effects)]
+    def good(one: Fitted) -> bool:
+        share = _imitated(one, best)
+        by_form = behind(one) < share * (base.chi2 - one.chi2) and _as_far(one, best, foretold, share)
+        return behind(one) < settings.tie or by_form
+
+    tie = [one for one in models if good(one)]
+    return [one for one in tie if one is best or not any(set(o.effects) < set(one.effects) for o in tie)]
 
 
-def _margin(model: Fitted, best: Fitted, base: Fitted, settings: DiagnoseSettings) -> float:
-    """By how much more in BIC a model is as good as the best: where it has another ideal law in its place,
-    that may be no more than the laws' forms."""
+def _imitated(model: Fitted, best: Fitted) -> float:
+    """The share of what a model explains by which the best may explain more for its laws' forms alone.
+
+    That is so where the model has other ideal laws, and no more of them; and where it has an ideal law and
+    lacks what the best has beside it.
+    """
     differ = set(model.effects) ^ set(best.effects)
-    forms = all(map(ideal, differ)) and len(model.effects) == len(best.effects)
-    return max(settings.tie, IMITATED * (base.chi2 - best.chi2) if forms else 0.0)
+    if model.effects and all(map(ideal, differ)) and len(model.effects) <= len(best.effects):
+        return IMITATED
+    return IDEALLY if set(model.effects) < set(best.effects) and any(map(ideal, model.effects)) else 0.0
+
+
+def _as_far(model: Fitted, best: Fitted, foretold: Mapping[Effects, Foretold], share: float) -> bool:
+    """Whether a model foretells held-out motion as well as the best but for that share and for chance.
+
+    Not asked where the best has a further ideal law beside the model's: both are then one law of another
+    form, which neither foretells.
+    """
+    further = set(best.effects) - set(model.effects)
+    if set(model.effects) < set(best.effects) and all(map(ideal, further)):
+        return True
+    told, by_best, elastic = (foretold.get(effects) for effects in (model.effects, best.effects, ()))
+    if told is None or by_best is None or elastic is None:
+        return True
+    worse, error = told.against(by_best)
+    return worse <= share * max(elastic.against(told)[0], 0.0) + WORSE * (error or 0.0)
 
 
 def _earned(model: Fitted, searched: Searched, settings: DiagnoseSettings) -> bool:
