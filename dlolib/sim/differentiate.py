@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlolib.sim import derivatives, linearise
+from dlolib.sim import adjoint, linearise, sensitivity
 from dlolib.sim.assembly import ENDS
 from dlolib.sim.band import HALF
 from dlolib.sim.effects import LAWS
@@ -102,7 +102,7 @@ def gradient(
     parameter = np.zeros((ropes, len(variations), 1))
     scene = rollout.scene
     factors, memory = _linearised(rollout)
-    derivatives.adjoint(
+    adjoint.adjoint(
         rollout.x, rollout.q, np.ascontiguousarray(rollout.path.q), steps_of(rollout.path, rollout.clock),
         scene.joints, scene.particles, scene.grips, scene.clamped, *rollout.clock.flags,
         int(scene.symmetric), *factors, columns(ropes, 2, n), *memory, *_explicit(rollout, variations), d_x,
@@ -133,7 +133,7 @@ def sensitivities(
     )
     scene = rollout.scene
     factors, memory = _linearised(rollout)
-    derivatives.sensitivities(
+    sensitivity.sensitivities(
         rollout.x, rollout.q, steps_of(rollout.path, rollout.clock), scene.joints,
         scene.particles, scene.grips, scene.clamped, *rollout.clock.flags, int(scene.symmetric), *factors,
         columns(ropes, count, n), *memory, slot, *_explicit(rollout, variations), x, before, turn,
