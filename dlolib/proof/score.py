@@ -119,7 +119,8 @@ def score(verdict: Verdict | None, answer: Answer) -> dict[str, Any]:
 
 
 def summarise(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """The figures of issue 4's table over all rows."""
+    """The figures of issue 4's table over all rows, and over those with something detectable alone where
+    what is named without being that counts, too."""
     found = [row for row in rows if row["detectable"]]
     nulls = [row for row in rows if not row["true"]]
     pairs = [row for row in found if len(row["detectable"]) == 2]
@@ -142,6 +143,12 @@ def summarise(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "coverage": _coverage(rows, "covered"),
         "coverage_forms": _coverage(rows, "covered_forms"),
         "place": _places(rows),
+        "where_detectable": {
+            "heldout_better": _share_of(found, "than_elastic"),
+            "heldout_better_than_black_box": _share_of(found, "than_black_box"),
+            "place": _places(found),
+            "coverage": _coverage(found, "covered")["all"],
+        },
         "stiffness_bias": _bias(rows),
         "confusion": [
             {"true": true, "said": said, "count": count} for (true, said), count in sorted(confusion.items())

@@ -94,6 +94,8 @@ def test_the_summary_counts() -> None:
     assert figures["missed"]["count"] == 1
     assert figures["heldout_better"] == share(5, 5)
     assert figures["heldout_better_than_black_box"] == share(4, 5)
+    # an alarm where nothing is missing does not count there
+    assert figures["where_detectable"]["heldout_better"] == share(4, 4)
     # what shows in the held-out frames alone counts there
     assert figures["everywhere"]["right_or_tied"]["of"] == 6
     assert figures["everywhere"]["confidently_wrong"]["count"] == 3
