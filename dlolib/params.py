@@ -104,7 +104,6 @@ class Chain(Block):
     smooth_m: Annotated[float, Field(gt=0, lt=1)]
     bridge_m: Annotated[float, Field(ge=0, lt=1)]
     min_seen: Annotated[float, Field(gt=0, le=1)]
-    covariance: bool
 
 
 class RecordingEntry(Block):

@@ -9,7 +9,7 @@ import os
 import sys
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -62,7 +62,7 @@ class Row:
 def main(*names: str) -> None:
     """Measure all cases, or those named, which then are printed only."""
     known(names, [case.name for case in CASES], "case")
-    settings = replace(ChainSettings(**load_block(Chain).model_dump()), covariance=True)
+    settings = ChainSettings(**load_block(Chain).model_dump())
     rows = []
     for case in CASES:
         if names and case.name not in names:
@@ -101,7 +101,7 @@ def seconds_a_frame(shots: Sequence[Take], settings: ChainSettings) -> float:
     for _ in range(REPEATS):
         begin = time.perf_counter()
         for shot in shots:
-            chain_frame(shot.frame, shot.index, replace(settings, covariance=False))
+            chain_frame(shot.frame, shot.index, settings)
         best = min(best, (time.perf_counter() - begin) / len(shots))
     return float(best)
 

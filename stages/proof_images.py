@@ -12,7 +12,6 @@ import json
 import shutil
 import sys
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -38,8 +37,6 @@ from stages.proof import (
     together,
     verdict_in,
 )
-
-CHAIN = replace(ChainSettings(), covariance=True)
 
 
 def main(*arguments: str) -> None:
@@ -77,7 +74,7 @@ def seen(folder: Path, seed: int, index: int, names: tuple[str, ...]) -> None:
     shutil.rmtree(capture, ignore_errors=True)
     write_pictures(case, name, capture, Sensor(seed=index))
     try:
-        write_recording(extract_chain(open_capture(capture), CHAIN).recording, chain)
+        write_recording(extract_chain(open_capture(capture), ChainSettings()).recording, chain)
     except ChainError as error:
         # no chain, no verdict: counted as failed
         print(error, file=sys.stderr)

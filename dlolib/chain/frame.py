@@ -35,7 +35,7 @@ class FrameChain:
     line_seen (M,), the dense line they were sampled from. measured_m: length from end to end as
     measured, hidden stretches bridged; fitted: whether it agreed with the rope's length, so that s_m was
     brought to it; seen_share of the rope's length; depth_scatter_m, of single readings about the axis.
-    covariance_m2 (K, 3, 3) of the points, where it was asked for.
+    covariance_m2 (K, 3, 3) of the points, but of a cloud's.
     """
 
     frame: int

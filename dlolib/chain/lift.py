@@ -29,8 +29,8 @@ class Strand:
 
     pixel (N, 2); points_m (N, 3), on the axis where the radius is known, else on the skin; seen (N,),
     False where no depth was read nearby; sigma_m, the scatter of single depth readings about it;
-    depth_sigma_m (N,), what smoothing leaves of that scatter, where it was asked for; across_sigma_m (N,),
-    the standard error of its place across the line of sight, by the light.
+    depth_sigma_m (N,), what smoothing leaves of that scatter; across_sigma_m (N,), the standard error of its
+    place across the line of sight, by the light. Both are known of what an image shows, not of a cloud.
     """
 
     pixel: Floats
@@ -185,10 +185,8 @@ def _read_depth(
     count = np.bincount(sample[near], minlength=len(grid))
     unclear = beside & ~both_sides(sample[near], across[near], len(grid))
     count[unclear] = 0
-    left = None
-    if settings.covariance:
-        read = np.bincount(sample[near & inner], minlength=len(grid)) * ~unclear
-        left = sigma * noise_gain(read.astype(np.float64), settings.smooth_m / pitch)
+    read = np.bincount(sample[near & inner], minlength=len(grid)) * ~unclear
+    left = sigma * noise_gain(read.astype(np.float64), settings.smooth_m / pitch)
     return Strand(grid, view.space(grid, curve), bridged(count > 0, beside, reach), sigma, left)
 
 

@@ -26,7 +26,6 @@ class ChainSettings:
         is behind, and deeper in still with how round the rope is.
     smooth_m: half of the shortest wave that depth may show along the rope; noise below it goes.
     bridge_m: a hidden stretch up to this length is no gap. Longer ones leave a gap in the chain.
-    covariance: whether each point comes with its covariance, and the recording with its noise.
     min_seen: the least part of the rope's length that must be seen in a frame.
     """
 
@@ -40,7 +39,6 @@ class ChainSettings:
     smooth_m: float = 0.03
     bridge_m: float = 0.006
     min_seen: float = 0.2
-    covariance: bool = False
 
     def __post_init__(self) -> None:
         checks = {

@@ -103,10 +103,10 @@ def test_a_tracked_rope_that_is_let_go_keeps_its_start() -> None:
 
 @pytest.mark.parametrize("diameter", [0.004, 0.008])
 def test_ellipsoids_hold_the_truth(diameter: float) -> None:
-    settings, squares = ChainSettings(covariance=True), []
+    squares = []
     for number, axis in enumerate([loop(1.0), loop(-1.0), loop(1.0, -0.3)]):
         scene = Scene(diameter_m=diameter)
-        chain = chain_frame(seen(axis, scene, number), index_of(NOWHERE, [axis], scene), settings)
+        chain = chain_frame(seen(axis, scene, number), index_of(NOWHERE, [axis], scene), ChainSettings())
         assert chain.covariance_m2 is not None and chain.covariance_m2.shape == (len(chain.s_m), 3, 3)
         np.testing.assert_allclose(chain.covariance_m2, np.swapaxes(chain.covariance_m2, 1, 2))
         error = chain.xyz_m - along(axis, chain.s_m)

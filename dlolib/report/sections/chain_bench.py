@@ -37,7 +37,7 @@ def blocks(results: Results) -> list[Block]:
     words = Paragraph(
         f"Other ropes, tables, light, distances, pillars, a gripper and a crossing were rendered with their "
         f"true axis (`make chain-bench`); {met} of {len(figures)} figures meet their goals. The covariances "
-        "were set on such renderings, and are not given to the diagnosis unless `chain.covariance` says so."
+        "were set on such renderings."
     )
     columns = [Column("Case", align="left"), *(Column(heading, unit) for _, heading, _, unit, _ in SHOWN)]
     rows = tuple((name.replace("_", " "), *_cells(case["figures"])) for name, case in cases.items())
