@@ -10,7 +10,7 @@ from sim.ropes import EI, GJ, GRAVITY, LEVEL, ROPE, swing
 
 from dlolib.errors import ParameterError
 from dlolib.sim import simulate
-from dlolib.sim.differentiate import Case, Cotangent, Variation, gradient, sensitivities
+from dlolib.sim.differentiate import Case, Cotangent, Variation, gradient, sensitivities, zero_tangent
 from dlolib.sim.effects import EFFECTS, named
 from dlolib.sim.recording import RecordingModel, sides_of
 from dlolib.sim.rod import Rod, scene_of
@@ -143,6 +143,35 @@ def test_a_law_that_is_not_there_has_the_derivative_of_a_little_of_it(
     found = model.predict(rod, ["bending_stiffness", name]).by_parameter[..., 1]
     by = (model.predict(rod.with_values({name: little})).xyz_m - model.predict(rod).xyz_m) / little
     assert np.linalg.norm(found - by) < 0.02 * np.linalg.norm(by)
+
+
+def test_a_derivative_at_the_edge_of_yielding_is_that_of_the_branch_taken() -> None:
+    """Of a rope that once was bent by a hair more than to its yield; its differences look to either side."""
+    model, names = RecordingModel(recording(), PARTICLES, 0.02), ["prior_history.kappa_2", *YIELDING]
+
+    def derivatives(beyond: float) -> Floats:
+        prior = {"prior_history.kappa_2": YIELDING["plastic_bending.yield_curvature"] + beyond}
+        return model.predict(Rod(ROPE, EI, GJ, {**YIELDING, **prior}, PARTICLES), names).by_parameter
+
+    edge, well = derivatives(1e-9), derivatives(1e-3)
+    # the hardening's grows with what has yielded; the other two are the same
+    for k in range(2):
+        assert np.linalg.norm(edge[..., k] - well[..., k]) < 1e-2 * np.linalg.norm(well[..., k])
+
+
+def test_a_roll_out_of_no_steps_keeps_the_derivatives_of_its_state() -> None:
+    model = RecordingModel(recording(), PARTICLES, 0.02)
+    rod = rod_with("plastic_bending", TRIES["plastic_bending"].values)
+    rest, made = model.at_rest(rod), model.setup(rod)
+    path = model.path(made, model.times(made)[:1])
+    nowhere = replace(path, x=path.x[:, :0], q=path.q[:, :0], dt_s=None, span=None)
+    none = roll_out(rest.scene, rest.final.at_rest(), nowhere, Clock(None))
+    ways = [Variation(Case(rest.scene, none.path), Case(rest.scene, none.path), 1.0)]
+    rng, zero = np.random.default_rng(4), zero_tangent(rest.scene, 1)
+    parts = ("x", "turn", "past", "slip")
+    before = replace(zero, **{part: rng.normal(size=getattr(zero, part).shape) for part in parts})
+    _, after = sensitivities(none, ways, np.array([], int), before)
+    assert all(np.array_equal(getattr(after, part), getattr(before, part)) for part in parts)
 
 
 def central(model: RecordingModel, rod: Rod, name: str, h: float) -> Floats:
