@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from dlolib.captures import open_capture
-from dlolib.chain import ChainSettings, extract_chain
+from dlolib.chain import extract_chain
 from dlolib.errors import ChainError
 from dlolib.files import write_json
 from dlolib.formats import write_recording
@@ -74,7 +74,7 @@ def seen(folder: Path, seed: int, index: int, names: tuple[str, ...]) -> None:
     shutil.rmtree(capture, ignore_errors=True)
     write_pictures(case, name, capture, Sensor(seed=index))
     try:
-        write_recording(extract_chain(open_capture(capture), ChainSettings()).recording, chain)
+        write_recording(extract_chain(open_capture(capture)).recording, chain)
     except ChainError as error:
         # no chain, no verdict: counted as failed
         print(error, file=sys.stderr)

@@ -12,7 +12,6 @@ from dlolib.lab.camera import Sensor
 from dlolib.proof import pictures
 from dlolib.proof.draw import Case, draw_case
 from dlolib.proof.write import recording
-from stages.proof_images import CHAIN
 
 # Of a case's frames, so many: one takes most of a second.
 FEW = 3
@@ -40,7 +39,7 @@ def test_the_chain_finds_the_rope_of_a_photographed_case(
     assert sorted(path.name for path in tmp_path.glob("capture/*")) == [
         "capture.json", "color", "depth", "frames.csv", "motion.csv",
     ]  # fmt: skip
-    found = extract_chain(open_capture(tmp_path / "capture"), CHAIN).recording
+    found = extract_chain(open_capture(tmp_path / "capture")).recording
     assert found.heldout_frames == (2, 2) and found.points.covariance_m2 is not None
     assert np.array_equal(np.unique(found.points.t_s), case.experiment.frame_t_s)
     s_m = np.linspace(0, found.rope.length_m, case.points_m.shape[1])
@@ -60,5 +59,5 @@ def test_a_rope_that_is_moved_towards_the_plate_stays_before_it(
     given = replace(recording(case, "seen"), static_frames=None, heldout_frames=(2, 2))
     monkeypatch.setattr(pictures, "recording", lambda case, name: given)
     pictures.write_pictures(case, "seen", tmp_path / "capture", Sensor())
-    found = extract_chain(open_capture(tmp_path / "capture"), CHAIN)
+    found = extract_chain(open_capture(tmp_path / "capture"))
     assert [len(frame.s_m) for frame in found.frames] == [30] * FEW
