@@ -20,9 +20,9 @@ from dlolib.errors import SimulationError
 from dlolib.files import write_json
 from dlolib.formats import write_recording
 from dlolib.formats.motion import read_motion
-from dlolib.proof.draw import Case, draw_case
+from dlolib.proof.draw import SIGMA_M, Case, draw_case
 from dlolib.proof.noise import draw_noise
-from dlolib.proof.play import play
+from dlolib.proof.play import settled
 from dlolib.proof.score import named, outcome, share
 from dlolib.proof.write import recording
 from dlolib.types import Floats, Motion, Recording
@@ -95,10 +95,12 @@ def played_on(case: Case, motion: Motion, name: str, rng: np.random.Generator) -
     whole = Motion(np.concatenate([before.t_s, end_s + motion.t_s[1:]]), **way)
     frame_t_s: Floats = np.linspace(0.0, motion.t_s[-1], FRAMES)
     experiment = replace(case.experiment, motion=whole, frame_t_s=end_s + frame_t_s)
-    points = play(experiment, case.effects)
+    points, bodies = settled(experiment, case.effects, SIGMA_M)
     seen = rng.random(points.shape[:2]) < case.seen.mean()
     noise = draw_noise(rng, case.noise, points.shape)
-    made = recording(replace(case, experiment=experiment, points_m=points, noise_m=noise, seen=seen), name)
+    made = recording(
+        replace(case, experiment=experiment, points_m=points, bodies=bodies, noise_m=noise, seen=seen), name
+    )
     shown = replace(made.points, t_s=made.points.t_s - end_s)
     return replace(made, motion=motion, points=shown, static_frames=None, heldout_frames=None)
 

@@ -19,10 +19,10 @@ import numpy as np
 from dlolib.errors import SimulationError
 from dlolib.files import write_json
 from dlolib.proof.answer import REDRAWS
-from dlolib.proof.draw import Case, draw_case
+from dlolib.proof.draw import SIGMA_M, Case, draw_case
 from dlolib.proof.motions import HELDOUT_FRAMES
 from dlolib.proof.noise import draw_noise
-from dlolib.proof.play import play
+from dlolib.proof.play import settled
 from dlolib.proof.score import named, share
 from dlolib.proof.sizes import NAMES
 from dlolib.proof.write import write_case
@@ -95,9 +95,9 @@ def with_effect(case: Case, name: str, part: str, value: float, rng: np.random.G
     }
     absent = {other: size for other, size in whole.items() if np.isfinite(size)}
     effects = {name: {**absent, **values, part: value}}
-    points = play(case.experiment, effects)
+    points, bodies = settled(case.experiment, effects, SIGMA_M)
     noise = draw_noise(rng, case.noise, points.shape)
-    return replace(case, effects=effects, points_m=points, noise_m=noise)
+    return replace(case, effects=effects, points_m=points, bodies=bodies, noise_m=noise)
 
 
 def _usual(case: Case, name: str) -> float:

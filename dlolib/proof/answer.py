@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from dlolib.errors import SimulationError
-from dlolib.proof.draw import Case, draw_case
+from dlolib.proof.draw import SIGMA_M, Case, draw_case
 from dlolib.proof.forms import FORMS, OVER_REST, nearest_parameters
 from dlolib.proof.gain import DETECTABLE, Gain, gain
 from dlolib.proof.motions import HELDOUT_FRAMES
@@ -88,8 +88,11 @@ def make_recording(
     recordings: Path,
     answers: Path,
     multiple: float | None = None,
+    settled_m: float = SIGMA_M,
 ) -> None:
     """Draw one case, write its recording and its answer; what is there already stays.
+
+    multiple, settled_m: as in `draw_case`.
 
     Raises:
         SimulationError: none of many motions could be played.
@@ -98,7 +101,7 @@ def make_recording(
         return
     for attempt in range(REDRAWS):
         try:
-            case = draw_case(seed, index, names, multiple, attempt)
+            case = draw_case(seed, index, names, multiple, attempt, settled_m)
             more = detect(case)
             break
         except SimulationError:

@@ -11,7 +11,7 @@ from dlolib.proof.chain import Sizes
 from dlolib.proof.motions import draw_plan, make_motion
 from dlolib.proof.noise import draw_noise
 from dlolib.proof.place import Place, find_place
-from dlolib.proof.play import play
+from dlolib.proof.play import settled
 from dlolib.proof.sizes import NAMES, draw_effect
 from dlolib.proof.world import Effects, Experiment
 from dlolib.types import Floats, Noise, Obstacle
@@ -29,7 +29,7 @@ TOGETHER_NEVER = ({"contact_friction", "hidden_obstacle"},)
 class Case:
     """One recording of the proof, and all that is true of it.
 
-    noise_m (F, 30, 3) [m]; seen (F, 30), False for a lost point.
+    noise_m (F, 30, 3) [m]; seen (F, 30), False for a lost point; bodies of the chain that shows the points.
     """
 
     experiment: Experiment
@@ -38,6 +38,7 @@ class Case:
     noise_m: Floats
     seen: np.ndarray
     points_m: Floats
+    bodies: int
 
 
 def draw_names(seed: int, size: int) -> list[tuple[str, ...]]:
@@ -55,7 +56,12 @@ def draw_names(seed: int, size: int) -> list[tuple[str, ...]]:
 
 
 def draw_case(
-    seed: int, index: int, names: Sequence[str], multiple: float | None = None, attempt: int = 0
+    seed: int,
+    index: int,
+    names: Sequence[str],
+    multiple: float | None = None,
+    attempt: int = 0,
+    settled_m: float = SIGMA_M,
 ) -> Case:
     """The case of that number in a shard: everything but its names drawn independently of them.
 
@@ -65,9 +71,10 @@ def draw_case(
         names: of its effects.
         multiple: of the size that is found, in place of a drawn one.
         attempt: a rope that could not be played is drawn anew.
+        settled_m: noise of what will be shown [m], for which the laboratory's chain must be fine enough.
 
     Raises:
-        SimulationError: this motion cannot be played: the rope is thrown over an obstacle.
+        SimulationError: it cannot be played: the rope is thrown over an obstacle, or does not settle.
     """
     rng = np.random.default_rng([seed, 1 + index, attempt])
     experiment, place = _draw_experiment(rng)
@@ -79,7 +86,7 @@ def draw_case(
     effects: dict[str, dict[str, float]] = {}
     for name in names:
         effects |= {key: dict(value) for key, value in draw_effect(effect_rng, name, place, multiple).items()}
-    points = play(experiment, effects) if effects or experiment.obstacles else place.points_m
+    points, bodies = settled(experiment, effects, settled_m)
     lost = float(noise_rng.uniform(*LOST)) if noise_rng.random() < 0.5 else 0.0
     return Case(
         experiment,
@@ -88,6 +95,7 @@ def draw_case(
         draw_noise(noise_rng, noise, points.shape),
         noise_rng.random(points.shape[:2]) >= lost,
         points,
+        bodies,
     )
 
 

@@ -20,7 +20,7 @@ Effects = Mapping[str, Mapping[str, float]]
 NOTHING: Effects = MappingProxyType({})
 GRAVITY_M_S2 = (0.0, 0.0, -9.81)
 POINTS = 30
-# Three bodies between neighbouring points: the table of `make proof-calibration` says why.
+# Three bodies between neighbouring points, enough for most; `dlolib.proof.play.settled` sees to the others.
 BODIES = 3 * (POINTS - 1)
 # What remembers: the way along the motion's rows counts.
 REMEMBERS = frozenset(

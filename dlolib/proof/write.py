@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 from typing import Any
 
@@ -51,10 +52,15 @@ def truth(case: Case) -> dict[str, Any]:
         "torsional_stiffness": case.experiment.torsional_stiffness,
         "noise": vars(case.noise),
         "obstacles": len(case.experiment.obstacles),
+        "bodies": case.bodies,
     }
 
 
 def write_case(case: Case, name: str, recordings: Path, answers: Path, **more: Any) -> None:
-    """Write recordings/<name>/ and answers/<name>.json, where `more` joins the answer."""
+    """Write recordings/<name>/ and answers/<name>.json, where `more` joins the answer.
+
+    The answer tells which points belong to it: they are not to be made anew by another laboratory.
+    """
     write_recording(recording(case, name), recordings / name)
-    write_json(answers / f"{name}.json", truth(case) | more)
+    sha256 = hashlib.sha256((recordings / name / "points.csv").read_bytes()).hexdigest()
+    write_json(answers / f"{name}.json", truth(case) | {"points_sha256": sha256} | more)

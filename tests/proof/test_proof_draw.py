@@ -1,10 +1,14 @@
 """The draw: the same from the same seed, even over the effects, in the style of data/practice."""
 
+import hashlib
+import json
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from dlolib.errors import SimulationError
 from dlolib.formats import read_recording
 from dlolib.proof import place, play
 from dlolib.proof.chain import Sizes
@@ -14,7 +18,7 @@ from dlolib.proof.motions import KINDS, Arc, Plan, make_motion
 from dlolib.proof.noise import draw_noise, whiten
 from dlolib.proof.play import seen_times
 from dlolib.proof.sizes import FOUND, NAMES, SAMPLERS
-from dlolib.proof.world import Experiment, free_length
+from dlolib.proof.world import Effects, Experiment, free_length
 from dlolib.proof.write import recording, truth, write_case
 from dlolib.types import Noise
 
@@ -30,6 +34,13 @@ def small(kind: str = "plain") -> Experiment:
     """A few frames of it."""
     motion, frames = make_motion(plan(kind), Sizes())
     return Experiment(motion, frames[[0, 40, 60, 80, 113]], 3e-4, 3e-4)
+
+
+def twisting(frames: Sequence[int], ratio: float = 0.521) -> tuple[Experiment, Effects]:
+    """A rope so weak about one axis that it all but twists over in the middle of its motion."""
+    experiment = draw_case(5335539873960795634, 24, ()).experiment
+    weak = {"anisotropic_bending": {"stiffness_ratio": ratio}}
+    return replace(experiment, frame_t_s=experiment.frame_t_s[list(frames)]), weak
 
 
 def test_every_effect_has_a_size_and_a_sampler() -> None:
@@ -48,7 +59,8 @@ def test_names_go_round_all_effects() -> None:
 
 def test_a_seed_draws_the_same_case(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(place, "play", lambda experiment: play.play(experiment, bodies=29))
-    monkeypatch.setattr("dlolib.proof.draw.play", lambda *given: play.play(*given, bodies=29))
+    monkeypatch.setattr(play, "CHAINS", (29, 58))
+    monkeypatch.setattr(play, "LEFT", np.inf)
     first, again = (draw_case(7, 3, ("mass_profile", "clock_offset")) for _ in range(2))
     np.testing.assert_array_equal(first.points_m, again.points_m)
     np.testing.assert_array_equal(first.noise_m, again.noise_m)
@@ -60,6 +72,8 @@ def test_a_seed_draws_the_same_case(tmp_path, monkeypatch: pytest.MonkeyPatch) -
     assert read.noise is None and read.position_noise_m is None
     assert "mass_profile" not in (tmp_path / "recordings/000/recording.json").read_text()
     assert recording(first, "000").points.xyz_m.shape == read.points.xyz_m.shape
+    sealed = json.loads((tmp_path / "answers/000.json").read_text())["points_sha256"]
+    assert sealed == hashlib.sha256((tmp_path / "recordings/000/points.csv").read_bytes()).hexdigest()
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -100,13 +114,27 @@ def test_measurement_effects_are_as_the_formats_say() -> None:
 
 def test_frames_in_which_chains_agree_are_of_the_continuous_rope_whatever_others_do() -> None:
     """This rope may twist either way in the middle of its motion, and does with other numbers of bodies."""
-    case = draw_case(5335539873960795634, 24, ("anisotropic_bending",))
-    some = replace(case.experiment, frame_t_s=case.experiment.frame_t_s[[0, 42, 45, 50]])
-    shown, finer = (play.play(some, case.effects, bodies) for bodies in (87, 174))
+    shown, finer = (play.play(*twisting([0, 42, 45, 50]), bodies) for bodies in (87, 174))
     off = np.abs(shown - finer).max(axis=(1, 2))
     assert off.max() > play.OTHERWISE_M
     # a chain of 87 bodies itself is 54 um off there
     assert off[0] < 5e-6
+
+
+def test_a_rope_that_moves_more_than_others_is_played_by_a_finer_chain(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Nearer to that still 87 bodies show some frames 2 mm off: a χ² of 75, and no physics."""
+    some, weak = twisting([0, 40, 44, 48], 0.55)
+    (easy, few), (hard, many) = (play.settled(some, effects, WHITE.sigma_m) for effects in ({}, weak))
+    assert few == 87 < many
+    np.testing.assert_array_equal(easy, play.play(some, bodies=few))
+    np.testing.assert_array_equal(hard, play.play(some, weak, bodies=many))
+    finer = play.play(some, weak, bodies=2 * many)
+    assert np.sum(((hard - finer) / WHITE.sigma_m) ** 2) < play.LEFT
+    monkeypatch.setattr(play, "CHAINS", play.CHAINS[:2])
+    with pytest.raises(SimulationError, match="finer chains show other shapes"):
+        play.settled(some, weak, WHITE.sigma_m)
 
 
 def test_a_gain_is_nothing_for_what_an_elastic_rope_can_be() -> None:

@@ -206,6 +206,7 @@ def _refinement(fine: Mapping[str, Any]) -> Table:
         (
             " + ".join(one["effects"]) or "nothing",
             str(one["obstacles"]),
+            str(one["bodies"]),
             fixed(one["gain"], 2),
             fixed(1e3 * one["bodies_m"], 3),
             fixed(1e3 * one["steps_m"], 3),
@@ -213,14 +214,14 @@ def _refinement(fine: Mapping[str, Any]) -> Table:
         for one in fine["cases"]
     )
     columns = (
-        Column("In the recording", align="left"), Column("Obstacles", "count"),
+        Column("In the recording", align="left"), Column("Obstacles", "count"), Column("Bodies", "count"),
         Column("χ² left", f"goal < {fine['goal']:g}"),
         Column("Twice the bodies", "mm"), Column("Half the steps", "mm"),
     )  # fmt: skip
     caption = (
-        f"What the laboratory's own {fine['cases'][0]['bodies']} bodies leave of a rope of twice as many "
-        "(`make proof-refinement`): the noise-free χ² of the best such rope with the same effects, at white "
-        "noise of 1.5 mm, and the largest change of a point."
+        "What the bodies of the laboratory's chain leave of one of twice as many (`make proof-refinement`): "
+        "the noise-free χ² of the best such rope with the same effects, at white noise of 1.5 mm, and the "
+        "largest change of a point."
     )
     return Table(caption, columns, rows)
 
