@@ -3,25 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dlolib.captures.base import Source
+from dlolib.chain.clock import clocks_apart
 from dlolib.chain.frame import FrameChain, chain_frame
 from dlolib.chain.settings import ChainSettings
 from dlolib.chain.uncertainty import noise_of
 from dlolib.progress import track
 from dlolib.types import CaptureIndex, Floats, Motion, Points, Recording
 
+# Looked up anew at the clocks' offset, the held ends tell what is left of it, as often as this.
+PASSES = 3
+
 
 @dataclass(frozen=True)
 class ChainResult:
-    """The recording, the chain of each frame, and how they were found."""
+    """The recording, the chain of each frame, and how they were found.
+
+    clocks_apart_s: by how much later than logged the held ends were taken to be where they were logged; the
+    recording's own clocks stay.
+    """
 
     recording: Recording
     frames: tuple[FrameChain, ...]
     settings: ChainSettings
+    clocks_apart_s: float
 
     def metrics(self) -> Mapping[str, float | int]:
         """Figures of the whole: lengths in m, shares of 1."""
@@ -36,6 +45,7 @@ class ChainResult:
             "measured_length_sd_m": float(lengths.std()),
             "frames_at_known_length": sum(frame.fitted for frame in self.frames),
             "spacing_error_max": float(np.abs(spacing).max(initial=0.0)),
+            "clocks_apart_s": self.clocks_apart_s,
             "depth_scatter_m": float(np.median([frame.depth_scatter_m for frame in self.frames])),
         }
 
@@ -55,11 +65,29 @@ def extract_chain(source: Source, settings: ChainSettings | None = None) -> Chai
         FormatError: a frame cannot be read.
     """
     settings = settings or ChainSettings()
-    index = source.index
+    late_s = 0.0
+    for _ in range(PASSES):
+        index = _later(source.index, late_s)
+        chains = _chains(source, index, settings)
+        more_s = clocks_apart(chains, index)
+        if more_s == 0.0:
+            break
+        late_s += more_s
+    return ChainResult(_recording(source.index, chains, settings), tuple(chains), settings, late_s)
+
+
+def _chains(source: Source, index: CaptureIndex, settings: ChainSettings) -> list[FrameChain]:
     chains: list[FrameChain] = []
     for frame in track(source.frames(), f"chain of {index.name}", len(index.frame)):
         chains.append(chain_frame(frame, index, settings, chains[-1] if chains else None))
-    return ChainResult(_recording(index, chains, settings), tuple(chains), settings)
+    return chains
+
+
+def _later(index: CaptureIndex, late_s: float) -> CaptureIndex:
+    """The ends where they were logged so much earlier [s]."""
+    if index.motion is None or late_s == 0.0:
+        return index
+    return replace(index, motion=replace(index.motion, t_s=index.motion.t_s + late_s))
 
 
 def _spacing_errors(frame: FrameChain) -> Floats:
