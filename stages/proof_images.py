@@ -21,10 +21,11 @@ from dlolib.errors import ChainError
 from dlolib.files import write_json
 from dlolib.formats import write_recording
 from dlolib.lab.camera import Sensor
-from dlolib.proof.answer import make_recording
-from dlolib.proof.draw import draw_case, draw_names
+from dlolib.proof.answer import answered
+from dlolib.proof.draw import draw_names
 from dlolib.proof.pictures import write_pictures
 from dlolib.proof.score import score, summarise
+from dlolib.proof.write import write_case
 from stages import run
 from stages.proof import (
     BOOK,
@@ -71,8 +72,8 @@ def seen(folder: Path, seed: int, index: int, names: tuple[str, ...]) -> None:
     chain = folder / "chains" / name
     if chain.exists():
         return
-    make_recording(seed, index, names, name, folder / "points", folder / "answers", settled_m=NOISE_M)
-    case = draw_case(seed, index, names, attempt=_answer(folder, name)["attempt"], settled_m=NOISE_M)
+    case, more = answered(seed, index, names, settled_m=NOISE_M)
+    write_case(case, name, folder / "points", folder / "answers", **more)
     capture = folder / "captures" / name
     shutil.rmtree(capture, ignore_errors=True)
     write_pictures(case, name, capture, Sensor(seed=index))

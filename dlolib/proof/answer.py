@@ -88,17 +88,29 @@ def make_recording(
     recordings: Path,
     answers: Path,
     multiple: float | None = None,
-    settled_m: float = SIGMA_M,
 ) -> None:
     """Draw one case, write its recording and its answer; what is there already stays.
-
-    multiple, settled_m: as in `draw_case`.
 
     Raises:
         SimulationError: none of many motions could be played.
     """
-    if (answers / f"{name}.json").exists():
-        return
+    if not (answers / f"{name}.json").exists():
+        case, more = answered(seed, index, names, multiple)
+        write_case(case, name, recordings, answers, **more)
+
+
+def answered(
+    seed: int,
+    index: int,
+    names: tuple[str, ...],
+    multiple: float | None = None,
+    settled_m: float = SIGMA_M,
+) -> tuple[Case, dict[str, Any]]:
+    """The first case that can be played, and what joins the truth in its answer; arguments as `draw_case`.
+
+    Raises:
+        SimulationError: none of many motions could be played.
+    """
     for attempt in range(REDRAWS):
         try:
             case = draw_case(seed, index, names, multiple, attempt, settled_m)
@@ -109,5 +121,4 @@ def make_recording(
                 raise
     touch = touched(case)
     more |= {"attempt": attempt, "touch_m": None if touch is None else touch.tolist()}
-    more |= {"nearest": nearest_laws(case)}
-    write_case(case, name, recordings, answers, **more)
+    return case, more | {"nearest": nearest_laws(case)}
