@@ -13,7 +13,7 @@ from dlolib.chain.axis import Axis, assemble
 from dlolib.chain.cloud import view_of_cloud
 from dlolib.chain.greedy import greedy_chain
 from dlolib.chain.join import joined
-from dlolib.chain.lift import Strand, lift
+from dlolib.chain.lift import Strand, centred, lift
 from dlolib.chain.order import Anchor, in_order
 from dlolib.chain.segment import coverage, segment, without_specks
 from dlolib.chain.settings import ChainSettings
@@ -116,12 +116,13 @@ def _strands(
     settings: ChainSettings,
 ) -> list[Strand]:
     """What was seen of the rope, in order. How a cut skeleton goes on, a first and rough look tells."""
-    if len(lines) > 1:
-        rough = in_order(lift(lines, width, view, radius_m, settings, fine=False), *ends, before_m)
+    grids = centred(lines, width, view, radius_m, settings)
+    if len(grids) > 1:
+        rough = in_order(lift(grids, width, view, radius_m, settings, fine=False), *ends, before_m)
         on = joined(rough, width, view, *ends) if rough else None
         if on is not None:
-            return lift(on, width, view, radius_m, settings)
-    return in_order(lift(lines, width, view, radius_m, settings), *ends, before_m)
+            return lift(centred(on, width, view, radius_m, settings), width, view, radius_m, settings)
+    return in_order(lift(grids, width, view, radius_m, settings), *ends, before_m)
 
 
 def _view(frame: Frame, index: CaptureIndex, settings: ChainSettings) -> View:

@@ -15,7 +15,7 @@ from dlolib.chain.smooth import noise_gain, smoothed
 from dlolib.chain.view import View
 from dlolib.types import Floats
 
-PASSES = 3
+PASSES, ROUGH_PASSES = 3, 1
 SMALLEST_SIGMA_M = 5e-4
 INTERIOR_SHARE = 0.8
 # An outline tells a section's middle better than a few depth readings its distance, light better still:
@@ -57,31 +57,44 @@ class Strand:
         )
 
 
+def centred(
+    lines: list[Floats], width: float, view: View, radius_m: float, settings: ChainSettings
+) -> list[Floats]:
+    """Each line (K, 2), pixel by pixel, in the middle of its sections: (N, 2), one sample a pixel.
+
+    Args:
+        lines: of the skeleton, or joined.
+        width, view, radius_m, settings: as for `lift`.
+    """
+    if not lines or view.pitch() == 0:
+        return []
+    width = _full_width(width, view, radius_m)
+    return centred_lines(lines, width, view, max(BY_OUTLINE * settings.smooth_m / view.pitch(), width))
+
+
 def lift(
-    lines: list[Floats],
+    grids: list[Floats],
     width: float,
     view: View,
     radius_m: float,
     settings: ChainSettings,
     fine: bool = True,
 ) -> list[Strand]:
-    """Centre each skeleton line (K, 2) in its section, read its depth, and carry it into space.
+    """Read the depth of each centred line (N, 2), and carry it into space.
 
     Args:
-        lines: centre lines, pixel by pixel.
+        grids: as `centred` gives them.
         width: the rope's typical width [px].
         view: mask, depth and optics.
         radius_m: the rope's radius [m]; 0 leaves the points on the skin.
         settings: edge band, smoothing and the longest stretch to bridge.
-        fine: whether light counts, which places a section within a tenth of a pixel but takes most time.
+        fine: whether light counts, which places a section within a tenth of a pixel but takes most time; and
+            whether depth is read again along what it was read to be.
     """
-    pitch = view.pitch()
-    if not lines or pitch == 0:
+    if not grids:
         return []
-    # Where slivers are most of what is seen the mask is narrower than the rope.
-    width = max(width, 2 * radius_m / pitch)
-    by_outline, by_light = (max(share * settings.smooth_m / pitch, width) for share in (BY_OUTLINE, BY_LIGHT))
-    grids = centred_lines(lines, width, view, by_outline)
+    width = _full_width(width, view, radius_m)
+    by_light = max(BY_LIGHT * settings.smooth_m / view.pitch(), width)
     errors = [np.full(len(grid), LARGEST_ERROR_PX) for grid in grids]
     sections = Sections.of(grids, view.pixels, width)
     radii = _radii(grids, sections.take(view.read), width, view, radius_m)
@@ -96,13 +109,26 @@ def lift(
     for number, grid in enumerate(grids):
         mine = readings.line == number
         strand = _read_depth(
-            grid, readings.take(mine), view.cloud_m[mine], beside[number], view, radius_m, width, settings
+            grid,
+            readings.take(mine),
+            view.cloud_m[mine],
+            beside[number],
+            view,
+            radius_m,
+            width,
+            settings,
+            PASSES if fine else ROUGH_PASSES,
         )
         if strand is not None:
             across = errors[number] * strand.points_m[:, 2] / view.focal
             seen = strand.seen & (full[number] | beside[number])
             strands.append(replace(strand, seen=seen, across_sigma_m=across))
     return strands
+
+
+def _full_width(width: float, view: View, radius_m: float) -> float:
+    """The rope's width [px]: where slivers are most of what is seen, the mask is narrower."""
+    return max(width, 2 * radius_m / view.pitch())
 
 
 def _radii(
@@ -148,6 +174,7 @@ def _read_depth(
     radius_m: float,
     width: float,
     settings: ChainSettings,
+    passes: int,
 ) -> Strand | None:
     """Fit a smooth depth along a line (N, 2) to the readings in the middle of its sections.
 
@@ -174,7 +201,7 @@ def _read_depth(
     curve = _medians(sample[own], depth[own], len(grid), max(settings.smooth_m / pitch, 3.0))
     # a reading is the mean over what mixes in it, and lies behind the skin of a round body in its middle
     blur_m2 = (settings.edge_px * pitch) ** 2 / 12
-    for turn in range(PASSES):
+    for turn in range(passes):
         behind = np.sqrt(np.maximum(radius_m**2 - (across * pitch) ** 2 - blur_m2, 0.0))
         ray = np.linalg.norm(cloud / depth[:, None], axis=1)
         axis = depth + behind / slant[sample] / ray

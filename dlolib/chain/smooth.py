@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.interpolate import BSpline
 from scipy.linalg import solveh_banded
-from scipy.sparse import csr_array
+from scipy.sparse import csc_array, csr_array
 from scipy.special import binom
 
 from dlolib.types import Floats
@@ -39,8 +39,8 @@ def smoothed(readings: Floats, weights: Floats, half_wave: float, onward: bool =
     if len(readings) <= ORDER:
         return between.reshape(np.shape(readings))
     share = weights[:, None] / weights.mean()
-    basis, banded = _system(weights, half_wave)
-    right = basis.T @ (share * columns + TRACE * between)
+    basis, turned, banded = _system(weights, half_wave)
+    right = turned @ (share * columns + TRACE * between)
     curve = basis @ solveh_banded(banded, right, check_finite=False)
     if not onward:
         first, last = read[0], read[-1]
@@ -60,15 +60,16 @@ def noise_gain(weights: Floats, half_wave: float) -> Floats:
     mean = max(float(weights.mean()), 1e-12)
     if len(weights) <= ORDER or not weights.any():
         return np.full(len(weights), 1 / np.sqrt(mean))
-    basis, banded = _system(weights, half_wave)
-    response = basis @ solveh_banded(banded, basis.T.toarray(), check_finite=False)
+    basis, turned, banded = _system(weights, half_wave)
+    response = basis @ solveh_banded(banded, turned.toarray(), check_finite=False)
     gain: Floats = np.sqrt((response**2) @ (weights / mean) / mean)
     return gain
 
 
-def _system(weights: Floats, half_wave: float) -> tuple[csr_array, Floats]:
-    """The splines (N, K) and their normal equations, in the upper banded form of scipy.linalg."""
-    basis, penalty = _splines(len(weights), half_wave)
+def _system(weights: Floats, half_wave: float) -> tuple[csr_array, csc_array, Floats]:
+    """The splines (N, K), the same turned (K, N), and their normal equations, in the upper banded form of
+    scipy.linalg."""
+    basis, turned, penalty = _splines(len(weights), half_wave)
     weights = weights / weights.mean() + TRACE
     # at each sample so many splines are not zero, one beside the other
     first = basis.indices[::ORDER]
@@ -78,13 +79,13 @@ def _system(weights: Floats, half_wave: float) -> tuple[csr_array, Floats]:
         for j in range(i, ORDER):
             products = weights * values[i] * values[j]
             banded[ORDER + i - j] += np.bincount(first + j, products, minlength=basis.shape[1])
-    return basis, banded
+    return basis, turned, banded
 
 
 @lru_cache(maxsize=32)
-def _splines(count: int, half_wave: float) -> tuple[csr_array, Floats]:
-    """Splines evenly over so many samples, (count, K), and the penalty of their differences, (ORDER + 1, K),
-    banded."""
+def _splines(count: int, half_wave: float) -> tuple[csr_array, csc_array, Floats]:
+    """Splines evenly over so many samples, (count, K), the same turned, and the penalty of their differences,
+    (ORDER + 1, K), banded."""
     steps = max(int(np.ceil((count - 1) / max(half_wave / SPLINES, 1.0))), 1)
     step = (count - 1) / steps
     knots = step * np.arange(-DEGREE, steps + DEGREE + 1)
@@ -97,4 +98,4 @@ def _splines(count: int, half_wave: float) -> tuple[csr_array, Floats]:
         for j in range(k, ORDER + 1):
             lag = j - k
             banded[ORDER - lag, j : splines - ORDER + j] += differences[k] * differences[j]
-    return basis, step * (half_wave / (np.pi * step)) ** (2 * ORDER) * banded
+    return basis, basis.T, step * (half_wave / (np.pi * step)) ** (2 * ORDER) * banded
