@@ -49,9 +49,9 @@ def test_no_process_outlives_a_killed_diagnosis(tmp_path: Path) -> None:
 @pytest.mark.parametrize("after_s", [0.0, 0.5, 2.0])
 def test_ctrl_c_is_answered_by_the_first_process_alone(tmp_path: Path, after_s: float) -> None:
     script = tmp_path / "started.py"
-    script.write_text(
-        STARTED.replace("        time.sleep(60)\n", "        print(1, flush=True)\n        time.sleep(60)\n")
-    )
+    # it waits in short turns: a signal between two instructions, just before a long sleep, is heard after it
+    wait = "        print(1, flush=True)\n        for _ in range(600):\n            time.sleep(0.1)\n"
+    script.write_text(STARTED.replace("        time.sleep(60)\n", wait))
     first = subprocess.Popen(
         [sys.executable, str(script)],
         stdout=subprocess.PIPE,
