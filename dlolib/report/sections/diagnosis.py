@@ -39,8 +39,8 @@ def _words() -> str:
     return (
         "Every effect of the library is fitted to each recording, alone and, where more may be missing, in "
         "pairs, against a rod that is but elastic. An effect counts where it gains more than chance would "
-        "over every model without it, and a hundredth of what an ideal law beside it explains; one that gains "
-        "less than that beside the law makes a tie. The model of least BIC is named where the slow modes of "
+        "over every model without it, and a hundredth of what an ideal law beside it explains; one that "
+        "gains less beside the law makes a tie. The model of least BIC is named where the slow modes of "
         "what it leaves are noise, or little of what it explains; models within the tie margin are as good. "
         "Held-out motion was set aside before anything was fitted."
     )
