@@ -20,6 +20,7 @@ from dlolib.diagnose.tasks import (
     hints_of,
     promises,
     refit,
+    settled,
     task_from,
     task_without,
     terms_of,
@@ -41,9 +42,8 @@ PROMISING = 0.0
 NEAR, NEAR_SHARE = 60.0, 0.3
 # Models this near to the best are tried with fewer parameters, too.
 NEAR_PRUNED = 30.0
-# How often the baseline's mesh error is made anew; how often effects are looked for beside the best ones, and
-# from how many models on.
-CORRECTIONS, ROUNDS, BEGINNINGS = 2, 4, 3
+# How often effects are looked for beside the best ones, and from how many models on.
+ROUNDS, BEGINNINGS = 4, 3
 
 
 @dataclass(frozen=True)
@@ -72,13 +72,14 @@ def search(study: Study, settings: DiagnoseSettings, run: Workers) -> Searched:
             break
         _grown(study, models, elastic, size, settings, run)
     _pruned(study, models, run)
-    return Searched(elastic, _ordered(study, models.values()))
+    return Searched(elastic, _settled(study, list(models.values()), elastic, run))
 
 
 def searched_again(study: Study, before: Searched, run: Workers) -> Searched:
     """The same models after the noise has become known better: the best fitted once more, the others as they
     were."""
-    elastic = refit(study, Task({}, (before.baseline.point,), before.baseline.offsets_m, 1))
+    elastic = refit(study, task_from(before.baseline))
+    elastic = before.baseline if elastic is None else settled(study, elastic)
     near = {one.effects for one in _near(study, before.models, before.baseline)}
     as_they_were = run(as_it_was, [task_from(one) for one in before.models], "as they were")
     kept = [one for one in as_they_were if one is not None]
@@ -86,7 +87,7 @@ def searched_again(study: Study, before: Searched, run: Workers) -> Searched:
     again = run(refit, [task_from(one) for one in best], "once more")
     better = {one.effects: new for one, new in zip(best, again, strict=True) if new is not None}
     models = [better.get(one.effects, one) for one in kept]
-    return Searched(elastic or before.baseline, _ordered(study, models))
+    return Searched(elastic, _settled(study, models, elastic, run))
 
 
 def other_forms(
@@ -103,7 +104,14 @@ def other_forms(
     found = [one for one in run(fit_first, tasks, "other forms") if one is not None]
     near = [one for one in found if one.bic(study.frames) < model.bic(study.frames) + NEAR]
     again = run(refit, [task_from(one) for one in near], "other forms, refined")
-    return [one for one in again if one is not None]
+    return run(settled, [one for one in again if one is not None], "other forms, settled")
+
+
+def _settled(study: Study, fits: Sequence[Fitted], baseline: Fitted, run: Workers) -> tuple[Fitted, ...]:
+    """All models by BIC, those that gain and are near the best with a mesh's error that stands."""
+    near = _near(study, fits, baseline, 0.0)
+    others = [one for one in fits if not any(one is other for other in near)]
+    return _ordered(study, [*others, *run(settled, near, "settled")])
 
 
 def _ordered(study: Study, models: Iterable[Fitted]) -> tuple[Fitted, ...]:
@@ -116,13 +124,10 @@ def baseline(study: Study) -> Fitted:
     offsets = tuple(np.zeros_like(one.recording.points.xyz_m) for one in study.seen)
     starts = tuple({Unknown(n): ratio * density for n in STIFFNESSES} for ratio in FIRST_STIFFNESS_M4_S2)
     found = fit_first(study, Task({}, starts, offsets, len(starts)))
-    for _ in range(CORRECTIONS):
-        if found is None:
-            mend = "check the recording's units and ends"
-            raise SimulationError("no stiffness could be simulated", mend=mend)
-        found = refit(study, Task({}, (found.point,), offsets, 1))
-    assert found is not None
-    return found
+    if found is None:
+        mend = "check the recording's units and ends"
+        raise SimulationError("no stiffness could be simulated", mend=mend)
+    return settled(study, found)
 
 
 def _singles(study: Study, baseline: Fitted, settings: DiagnoseSettings, run: Workers) -> list[Fitted]:
@@ -297,10 +302,10 @@ def _refined(
     return _by_effects(study, [better.get(id(one), one) for one in fits], 0.0)
 
 
-def _near(study: Study, fits: Sequence[Fitted], baseline: Fitted) -> list[Fitted]:
-    """Those that gain and are near the best."""
+def _near(study: Study, fits: Sequence[Fitted], baseline: Fitted, share: float = NEAR_SHARE) -> list[Fitted]:
+    """Those that gain and are near the best, or behind it by no more than a share of what it gains."""
     best = min((one.bic(study.frames) for one in fits), default=np.inf)
-    margin = max(NEAR, NEAR_SHARE * (baseline.bic(study.frames) - best))
+    margin = max(NEAR, share * (baseline.bic(study.frames) - best))
     below = min(best + margin, baseline.bic(study.frames))
     return [one for one in fits if one.bic(study.frames) < below]
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from dlolib.diagnose.nuisances import FARTHEST, begins_unseen, bounded
 from dlolib.diagnose.whitening import Whitener
+from dlolib.errors import SimulationError
 from dlolib.identify import particles_for
 from dlolib.identify.intervals import FEWEST_POSES, poses
 from dlolib.identify.parameters import ACTS_M, LOGARITHM_SCALE, Unknown
@@ -242,14 +243,19 @@ def acting_only(study: Study, ratios_m4_s2: Sequence[float]) -> Study:
     density = study.seen[0].recording.rope.linear_density_kg_m or 1.0
 
     def off(ei: float) -> float:
-        made = [
-            one.model.predict(study.rod(k, {"bending_stiffness": ei})).xyz_m
-            for k, one in enumerate(study.seen)
-        ]
+        """The distance squared [m²] that it leaves; a rope so soft or stiff may tear on this way."""
+        try:
+            made = [
+                one.model.predict(study.rod(k, {"bending_stiffness": ei})).xyz_m
+                for k, one in enumerate(study.seen)
+            ]
+        except SimulationError:
+            return np.inf
         seen = zip(study.seen, made, strict=True)
         return sum(float(np.sum((xyz[:, axes(one.model)] - one.observed_m) ** 2)) for one, xyz in seen)
 
     ei = min((ratio * density for ratio in ratios_m4_s2), key=off)
+    # where none can be simulated, the first of them says why here
     twisted = False
     acting: dict[Unknown, float] = {}
     for k, one in enumerate(study.seen):

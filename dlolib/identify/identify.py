@@ -155,8 +155,15 @@ def _begin(
     if given is not None:
         return problem, _coordinates(problem, given[0].bending_stiffness)
     starts = [_coordinates(problem, ratio * rods[0].linear_density) for ratio in FIRST_STIFFNESS_M4_S2]
-    costs = [float(np.sum(problem.residuals(start) ** 2)) for start in starts]
-    return problem, starts[int(np.argmin(costs))]
+    return problem, min(starts, key=lambda start: _cost(problem, start))
+
+
+def _cost(problem: Problem, start: Floats) -> float:
+    """The sum of squares [m²] at a start; a rope so soft or stiff may tear on this way."""
+    try:
+        return float(np.sum(problem.residuals(start) ** 2))
+    except SimulationError:
+        return float("inf")
 
 
 def _coordinates(problem: Problem, stiffness: float) -> Floats:

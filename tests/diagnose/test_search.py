@@ -1,13 +1,14 @@
 """The search's own choices, on fits that are made up."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
 
 from dlolib.diagnose.fitting import Fitted
-from dlolib.diagnose.search import _refined
+from dlolib.diagnose.search import _refined, _settled
 from dlolib.diagnose.study import Study
 from dlolib.diagnose.tasks import Task
 from dlolib.diagnose.workers import Workers
@@ -41,3 +42,18 @@ def test_which_form_is_best_shows_with_the_mesh_error_of_each() -> None:
     assert [one.effects for one in best] == [("mass_profile",), ("end_angle",)]
     assert [u.name for u in best[0].unknowns[1:]] == ["mass_profile.s", "mass_profile.mass"]
     assert best[0].chi2 == after[LUMP]
+
+
+def test_the_winner_is_one_whose_mesh_error_stands() -> None:
+    """A pair is ahead of its first effect only as long as the mesh's error of that does not stand."""
+    baseline = fitted(10770.1)
+    alone = fitted(8110.2, ("anisotropic_bending",), ("stiffness_ratio",))
+    pair = fitted(8090.7, ("anisotropic_bending", "rest_curvature"), ("kappa_1", "kappa_2"))
+    far = fitted(10000.0, ("mass_profile",), LUMP)
+    stand = {id(alone): 8091.7, id(pair): 8090.2}
+
+    def run(function: Callable[[Study, Fitted], Any], jobs: Sequence[Fitted], what: str) -> list[Fitted]:
+        return [replace(job, chi2=stand[id(job)]) for job in jobs]
+
+    best = _settled(STUDY, [pair, alone, far], baseline, cast(Workers, run))
+    assert [one.effects for one in best] == [alone.effects, pair.effects, far.effects]

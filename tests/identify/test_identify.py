@@ -1,5 +1,6 @@
 """Identification on real recordings, and the paper's own method beside ours."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,10 +10,12 @@ import pytest
 from sim.ropes import EI, ROPE
 from sim.test_recording import recording
 
+from dlolib.errors import SimulationError
 from dlolib.formats import read_fit, read_recording
 from dlolib.identify import DescentSettings, IdentifySettings, descend, identify, write_identified
 from dlolib.sim.continuum import simulated
 from dlolib.sim.iterative import alpha_b_from_stiffness, stiffness_from_alpha_b
+from dlolib.sim.recording import Prediction, RecordingModel
 from dlolib.sim.rod import Rod
 
 WIRES = Path("data/wires")
@@ -54,6 +57,20 @@ def test_the_papers_descent_goes_down_to_the_same_stiffness() -> None:
 
 def test_the_papers_alpha_b_is_a_ropes_stiffness() -> None:
     assert stiffness_from_alpha_b(0.0089, ROPE, 30) == pytest.approx(2.6e-4, rel=0.03)
+
+
+def test_a_stiffness_at_which_the_rope_tears_is_none_to_begin_with(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = simulated(recording(), Rod(ROPE, EI, EI), finer=4)
+    predict = RecordingModel.predict
+
+    def torn(self: RecordingModel, rod: Rod, parameters: Sequence[str] = ()) -> Prediction:
+        if rod.bending_stiffness < 0.5 * EI:
+            raise SimulationError("it would tear")
+        return predict(self, rod, parameters)
+
+    monkeypatch.setattr(RecordingModel, "predict", torn)
+    found = identify([made], QUICK).fit.parameters["bending_stiffness"]
+    assert found.value == pytest.approx(EI, rel=0.01)
 
 
 def test_declared_heldout_frames_never_enter_the_fit() -> None:
