@@ -66,10 +66,10 @@ def centred(
         lines: of the skeleton, or joined.
         width, view, radius_m, settings: as for `lift`.
     """
-    if not lines or view.pitch() == 0:
+    if not lines or view.pitch == 0:
         return []
     width = _full_width(width, view, radius_m)
-    return centred_lines(lines, width, view, max(BY_OUTLINE * settings.smooth_m / view.pitch(), width))
+    return centred_lines(lines, width, view, max(BY_OUTLINE * settings.smooth_m / view.pitch, width))
 
 
 def lift(
@@ -94,7 +94,7 @@ def lift(
     if not grids:
         return []
     width = _full_width(width, view, radius_m)
-    by_light = max(BY_LIGHT * settings.smooth_m / view.pitch(), width)
+    by_light = max(BY_LIGHT * settings.smooth_m / view.pitch, width)
     errors = [np.full(len(grid), LARGEST_ERROR_PX) for grid in grids]
     sections = Sections.of(grids, view.pixels, width)
     radii = _radii(grids, sections.take(view.read), width, view, radius_m)
@@ -128,14 +128,14 @@ def lift(
 
 def _full_width(width: float, view: View, radius_m: float) -> float:
     """The rope's width [px]: where slivers are most of what is seen, the mask is narrower."""
-    return max(width, 2 * radius_m / view.pitch())
+    return max(width, 2 * radius_m / view.pitch)
 
 
 def _radii(
     grids: list[Floats], readings: Sections, width: float, view: View, radius_m: float
 ) -> list[Floats]:
     """How large the rope's radius looks at each sample of each line, (N,) [px]; from the mask if unknown."""
-    radius_m = radius_m or 0.5 * width * view.pitch()
+    radius_m = radius_m or 0.5 * width * view.pitch
     cloud = view.cloud_m
     radii = []
     for number, grid in enumerate(grids):

@@ -81,6 +81,7 @@ class View:
         flat = points_m[:, :2] / points_m[:, 2:]
         return np.stack([flat[:, 0] * self.fx + self.cx, flat[:, 1] * self.fy + self.cy], axis=-1)
 
+    @cached_property
     def pitch(self) -> float:
         """How much of the rope one pixel shows [m], at its typical depth."""
         depth = self._at_pixels(self.depth_m)

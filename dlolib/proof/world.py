@@ -35,6 +35,7 @@ REMEMBERS = frozenset(
 )
 # The soft spot's edges fall over this share of its width, by the sixth power of the distance.
 EDGE_POWER = 6
+NARROWEST_M = 1e-9
 ENDS = ("start", "end")
 # A clamp's hinge that does not give way [N m/rad].
 RIGID_N_M = 1e3
@@ -121,8 +122,9 @@ def _profile(experiment: Experiment, effects: Effects, bodies: int) -> Floats:
         return np.ones(bodies + 1)
     length = experiment.sizes.length_m
     fine = np.clip((np.arange(bodies + 1)[:, None] + np.linspace(-0.5, 0.5, 21)) / bodies, 0, 1) * length
-    # Falls to a half at the edges of the width.
-    weight = np.exp2(-(np.abs(2 * (fine - spot["s"]) / spot["width"]) ** EDGE_POWER))
+    # Falls to a half at the edges of the width; a trial of the laboratory's own fits may have none.
+    width = max(abs(spot["width"]), NARROWEST_M)
+    weight = np.exp2(-(np.abs(2 * (fine - spot["s"]) / width) ** EDGE_POWER))
     return np.asarray(1 / np.mean(1 / (1 - (1 - spot["factor"]) * weight), axis=1))
 
 
