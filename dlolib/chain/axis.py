@@ -28,8 +28,9 @@ class Axis:
 
     measured_m is the length as measured from start to end, hidden stretches included; fitted tells
     whether s_m was brought to the rope's known length; else it is counted from the start, or from_end, back
-    from the known length there, and goes no further than that where no end is held. sigma_m (M, 2), the
-    deviations of the depth and across the line of sight where they were asked for, NaN where hidden.
+    from the known length there, and goes no further than that where no end is held. spread_m: how much of
+    what it was off the known length was spread over what was seen. sigma_m (M, 2), the deviations of the
+    depth and across the line of sight where they were asked for, NaN where hidden.
     """
 
     s_m: Floats
@@ -38,6 +39,7 @@ class Axis:
     pixel: Floats
     measured_m: float
     fitted: bool
+    spread_m: float = 0.0
     sigma_m: Floats | None = None
     from_end: bool = False
 
@@ -74,8 +76,9 @@ def assemble(
     if start is not None and end is not None:
         largest += LARGEST_BRIDGE_MISFIT * float(step[hidden[1:] | hidden[:-1]].sum())
     fitted = abs(measured - length_m) <= largest
+    spread = 0.0
     if fitted:
-        step = _fitted(step, hidden[1:] | hidden[:-1], length_m)
+        step, spread = _fitted(step, hidden[1:] | hidden[:-1], length_m)
     s = np.concatenate([[0.0], np.cumsum(step)])
     from_end = start is None and end is not None and not fitted
     if from_end:
@@ -85,7 +88,7 @@ def assemble(
         s *= min(1.0, length_m / max(s[-1], 1e-12))
     sigma = np.concatenate([piece.sigma_m for piece in pieces])
     known = sigma if np.isfinite(sigma).any() else None
-    return Axis(s, points, seen, pixel, measured, fitted, known, from_end)
+    return Axis(s, points, seen, pixel, measured, fitted, spread, known, from_end)
 
 
 @dataclass(frozen=True)
@@ -218,8 +221,9 @@ def _cut_before(strands: list[Strand], anchor: Anchor, length_m: float) -> list[
     return [_from(first, cut), *strands[1:]]
 
 
-def _fitted(step: Floats, hidden: NDArray[np.bool_], length_m: float) -> Floats:
-    """Steps (M - 1,) that add up to the known length, each changed in proportion to what it may be off."""
+def _fitted(step: Floats, hidden: NDArray[np.bool_], length_m: float) -> tuple[Floats, float]:
+    """Steps (M - 1,) that add up to the known length, each changed in proportion to what it may be off; how
+    much those changed together that were seen [m]."""
     hidden_m, seen_m = float(step[hidden].sum()), float(step[~hidden].sum())
     doubt = np.array([(HIDDEN_DOUBT * hidden_m) ** 2, (SEEN_DOUBT * seen_m) ** 2])
     share = doubt / max(float(doubt.sum()), 1e-300)
@@ -230,4 +234,4 @@ def _fitted(step: Floats, hidden: NDArray[np.bool_], length_m: float) -> Floats:
     if seen_m > 0:
         factor[~hidden] += rest * share[1] / seen_m
     changed: Floats = step * factor
-    return changed
+    return changed, float(rest * share[1])

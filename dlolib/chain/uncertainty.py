@@ -19,7 +19,8 @@ TIP_SHARE, TIP_REACH = 0.03, 1.0
 UNKNOWN_DIAMETER_M = 0.01
 # Along the line of sight: what the smoothing leaves of the readings' scatter, which is not quite white.
 DEPTH_FACTOR, DEPTH_M = 1.0, 3e-5
-# Along the rope: a floor, a share of what its measured length was off, or of a way that nothing checked.
+# Along the rope: a floor, a share of what the length of what was seen was off, or of a way that nothing
+# checked. What a hidden stretch is longer than its bridge moves no point of those that were seen.
 ALONG_M, MISFIT_SHARE, WAY_SHARE = 3e-5, 0.45, 0.003
 # Smoothed over half waves of `smooth_m`, errors of neighbours go together over this share of it.
 CORRELATED_SHARE, CORRELATED_FRAMES = 1.25, 1.0
@@ -47,7 +48,7 @@ def covariances(axis: Axis, s_m: Floats, points_m: Floats, rope: Rope) -> Floats
     diameter = rope.diameter_m or UNKNOWN_DIAMETER_M
     tip = TIP_SHARE * diameter * np.exp(-_to_tip(axis, s_m) / (TIP_REACH * diameter))
     way = axis.s_m[-1] - s_m if axis.from_end else s_m
-    off = MISFIT_SHARE * abs(axis.measured_m - rope.length_m) if axis.fitted else WAY_SHARE * way
+    off = MISFIT_SHARE * abs(axis.spread_m) if axis.fitted else WAY_SHARE * way
     variances = (
         # A line that runs beside the axis is longer or shorter than it by as much, for each radian it turns.
         (along, ALONG_M**2 + off**2 + (ACROSS_FACTOR * outline) ** 2),
