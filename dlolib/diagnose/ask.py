@@ -19,6 +19,7 @@ from dlolib.types import Floats, Motion, Points, Recording
 RATE_HZ, FRAMES, POINTS = 20.0, 60, 30
 ROLL_RAD, ROLL_RAD_S, HOLD_S = np.deg2rad(120.0), 0.5, 20.0
 QUICKER = 3.0
+FEWEST_ROWS = 3
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class Asked:
 def next_motion(study: Study, one: Fitted, other: Fitted) -> Asked | None:
     """The motion of the menu after which the two models differ most; None where none can be made or told."""
     recording = study.seen[0].recording
-    if len(recording.motion.t_s) < 3 or np.isnan(recording.motion.end_m).all():
+    if len(recording.motion.t_s) < FEWEST_ROWS or np.isnan(recording.motion.end_m).all():
         return None
     best: Asked | None = None
     for says, motion in menu(recording.motion):
@@ -59,12 +60,14 @@ def menu(motion: Motion) -> list[tuple[str, Motion]]:
         at = pose
     back = _go(bent, last, speed)
     arcs = _arc(motion)
-    return [
+    whole = [
         ("roll the wrist by 120 degrees both ways at the most bent pose", _joined([*turning, back])),
         ("move along the same arc on the opposite side, out and back", _timed(_mirrored(arcs), speed)),
         ("hold the most bent pose for 20 s", _joined([there, _go(bent, bent, speed, HOLD_S), back])),
         ("move along the same arc three times as fast", _timed(arcs, QUICKER * speed)),
     ]
+    # the arc of an end that only turned is a point
+    return [(says, one) for says, one in whole if len(one.t_s) >= FEWEST_ROWS]
 
 
 Pose = tuple[Floats, Floats, Floats, Floats]

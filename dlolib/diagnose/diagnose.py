@@ -148,9 +148,9 @@ def raw_study(recordings: Sequence[Recording], settings: DiagnoseSettings) -> St
         return seen_as(one, some, whitener, settings)
 
     both = list(zip(recordings, used, strict=True))
-    kept = [_kept_points(one, settings.most_frames) for one in recordings]
-    ahead = {k: seen(one, ~mine & kept[k]) for k, (one, mine) in enumerate(both) if not mine.all()}
-    fitted = tuple(seen(one, mine & kept[k]) for k, (one, mine) in enumerate(both))
+    most = settings.most_frames
+    ahead = {k: seen(one, _thinned(one, ~mine, most)) for k, (one, mine) in enumerate(both) if not mine.all()}
+    fitted = tuple(seen(one, _thinned(one, mine, most)) for one, mine in both)
     return Study(fitted, between(recordings), before(recordings), ahead=ahead)
 
 
@@ -195,10 +195,15 @@ def _fitted_points(recording: Recording, share: float) -> Bools:
     return np.asarray(frame <= frames[kept - 1])
 
 
-def _kept_points(recording: Recording, most: int) -> Bools:
-    """Which points (P,) are looked at: those of every frame, or of so many, evenly spread."""
-    frames, number = np.unique(recording.points.frame, return_inverse=True)
-    return np.asarray(number % int(np.ceil(len(frames) / most)) == 0)
+def _thinned(recording: Recording, some: Bools, most: int) -> Bools:
+    """Which of some points (P,) are looked at: those of all their frames, or of so many that the whole
+    recording has no more than `most`, evenly spread and from the first of them on; two frames at least."""
+    frame = recording.points.frame
+    mine, number = np.unique(frame[some], return_inverse=True)
+    every = int(np.ceil(len(np.unique(frame)) / most))
+    kept = np.zeros_like(some)
+    kept[some] = number % min(every, max(len(mine) - 1, 1)) == 0
+    return kept
 
 
 __all__ = ["Diagnosis", "diagnose", "raw_study"]

@@ -82,11 +82,19 @@ def _left(study: Study, lefts: list[Floats]) -> Foretold:
     return Foretold(np.concatenate(chi2), np.concatenate(distances))
 
 
-def black_box(study: Study, job: tuple[Fitted, int]) -> tuple[Foretold, Foretold]:
+def black_box(study: Study, job: tuple[Fitted, int]) -> tuple[Foretold, Foretold] | None:
     """A residual that names nothing: kriging of what the baseline leaves, by arc length and the ends' pose.
 
-    The job is the baseline and a seed. Returns what is left of the fitted frames and of the held-out ones.
+    The job is the baseline and a seed. Returns what is left of the fitted frames and of the held-out ones;
+    None: these cannot be simulated.
     """
+    try:
+        return _black_box(study, job)
+    except SimulationError:
+        return None
+
+
+def _black_box(study: Study, job: tuple[Fitted, int]) -> tuple[Foretold, Foretold]:
     (base, seed), heldout = job, _heldout(study)
     lefts: tuple[list[Floats], list[Floats]] = ([], [])
     offsets = mesh_error(heldout, base.point)

@@ -89,7 +89,9 @@ def _pairs(recording: Recording) -> list[tuple[int, int]]:
     """Frames of one pose each, the later one the nearest to it of the way back; every frame once."""
     motion = _at_frames(recording)
     x = np.nan_to_num(np.hstack([motion.start_m, motion.end_m]))
-    q = np.nan_to_num(np.stack([motion.start_q, motion.end_q], axis=1))
+    q = np.stack([motion.start_q, motion.end_q], axis=1)
+    # a free end turns as it likes
+    q[np.isnan(q).any(axis=2)] = (1.0, 0.0, 0.0, 0.0)
     found, used = [], set()
     for a in range(len(x)):
         away = np.linalg.norm(x - x[a], axis=1)

@@ -8,6 +8,8 @@ estimated with them.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy import linalg, optimize
 from scipy.fft import dct
@@ -24,6 +26,8 @@ SMOOTH_S, SMOOTH_T = 10, 5
 LONGEST = 10.0
 # Frames that show one pose tell the noise if they are so many; a pose is the same within this [m, or of 1].
 FEWEST_STILL, SAME = 3, 1e-6
+# No camera's noise is less than this [m].
+LEAST_M = 1e-6
 
 
 def known_noise(recording: Recording) -> tuple[Noise, str] | None:
@@ -37,12 +41,16 @@ def known_noise(recording: Recording) -> tuple[Noise, str] | None:
     values = recording.points.xyz_m[:, seen_axes(recording)]
     first, last = recording.points.frame[still][[0, -1]]
     noise = _likeliest(recording, values, still, still_shape=True)
+    if noise.sigma_m < LEAST_M:
+        # simulated, or a tracker that says the same again while nothing moves
+        return None
     return _known_deviation(recording, noise), f"frames {first} to {last}, which stand still"
 
 
 def noise_left(recording: Recording, residual_m: Floats) -> tuple[Noise, str]:
     """The noise of a recording by what a rod leaves of its points (P, A) [m]: what is quick in that."""
     noise = _likeliest(recording, residual_m, np.ones(len(residual_m), dtype=bool), still_shape=False)
+    noise = replace(noise, sigma_m=max(noise.sigma_m, LEAST_M))
     return _known_deviation(recording, noise), "quick part of the residuals"
 
 
@@ -85,6 +93,8 @@ def _likeliest(recording: Recording, values_m: Floats, used: np.ndarray, still_s
     lag_t = np.abs(frames[row][:, None] - frames[row][None])
     lag_s = np.abs(column[:, None] - column[None])
     axes, dof = y.shape[1], len(y) - np.linalg.matrix_rank(basis)
+    # of points that say the same again nothing is left at all
+    least = float(1e-6 * LEAST_M**2 * dof * axes)
 
     def terms(lengths: Floats) -> tuple[float, float]:
         covariance = decay(lag_s, lengths[0]) * decay(lag_t, lengths[1])
@@ -98,6 +108,7 @@ def _likeliest(recording: Recording, values_m: Floats, used: np.ndarray, still_s
 
     def deviance(lengths: Floats) -> float:
         squares, log_det = terms(lengths)
+        squares = max(squares, least)
         return float(axes * (dof * np.log(squares / (dof * axes)) + log_det))
 
     best = optimize.minimize(

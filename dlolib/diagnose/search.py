@@ -79,7 +79,7 @@ def searched_again(study: Study, before: Searched, run: Workers) -> Searched:
     """The same models after the noise has become known better: the best fitted once more, the others as they
     were."""
     elastic = refit(study, task_from(before.baseline))
-    elastic = before.baseline if elastic is None else settled(study, elastic)
+    elastic = settled(study, elastic or as_it_was(study, task_from(before.baseline)) or before.baseline)
     near = {one.effects for one in _near(study, before.models, before.baseline)}
     as_they_were = run(as_it_was, [task_from(one) for one in before.models], "as they were")
     kept = [one for one in as_they_were if one is not None]
@@ -108,10 +108,16 @@ def other_forms(
 
 
 def _settled(study: Study, fits: Sequence[Fitted], baseline: Fitted, run: Workers) -> tuple[Fitted, ...]:
-    """All models by BIC, those that gain and are near the best with a mesh's error that stands."""
-    near = _near(study, fits, baseline, 0.0)
-    others = [one for one in fits if not any(one is other for other in near)]
-    return _ordered(study, [*others, *run(settled, near, "settled")])
+    """All models by BIC, those that gain and are near the best with a mesh's error that stands.
+
+    Another may be the best then, and others near it.
+    """
+    models, stand = list(fits), set()
+    while near := [one for one in _near(study, models, baseline, 0.0) if id(one) not in stand]:
+        again = dict(zip(map(id, near), run(settled, near, "settled"), strict=True))
+        models = [again.get(id(one), one) for one in models]
+        stand |= set(map(id, again.values()))
+    return _ordered(study, models)
 
 
 def _ordered(study: Study, models: Iterable[Fitted]) -> tuple[Fitted, ...]:
@@ -183,7 +189,7 @@ def _grown(
                 tried.add(one)
                 for more in _partners(study, models[one], settings, run):
                     key = tuple(sorted(more.effects))
-                    if key not in models or more.chi2 < models[key].chi2:
+                    if key not in models or more.bic(study.frames) < models[key].bic(study.frames):
                         models[key] = replace(more, effects=key)
             todo = _parts(study, models, size, settings.tie)
         if _done(study, _best(study, models), elastic):

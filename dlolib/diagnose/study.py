@@ -21,7 +21,7 @@ from dlolib.sim.effects import EFFECTS, parameter
 from dlolib.sim.effects.base import Hint, forms, sizes
 from dlolib.sim.moments import moments
 from dlolib.sim.poses import Model, model_of, near
-from dlolib.sim.recording import dynamic_step
+from dlolib.sim.recording import RecordingModel, dynamic_step, released_points
 from dlolib.sim.rod import STIFFNESSES, Rod
 from dlolib.types import Floats, Recording
 
@@ -234,7 +234,11 @@ def seen_as(recording: Recording, used: Bools, whitener: Whitener, settings: Dia
     step_s = dynamic_step(recording.motion, settings.time_step_s)
     if recording.quasi_static:
         step_s = max(step_s, float(np.ptp(points.t_s)) / MOST_STEPS)
-    return Seen(model_of(replace(recording, points=some), n, step_s), whitener)
+    # what is simulated the whole recording decides: whether poses settled each by itself, where it began
+    model = model_of(recording, n, step_s)
+    if isinstance(model, RecordingModel):
+        model = replace(model, released=released_points(recording))
+    return Seen(replace(model, recording=replace(recording, points=some)), whitener)
 
 
 def acting_only(study: Study, ratios_m4_s2: Sequence[float]) -> Study:

@@ -21,7 +21,7 @@ from dlolib.sim.observe import Sampling, point_weights, sampling_of, seen, turne
 from dlolib.sim.rod import STIFFNESSES, Rod, scene_of, setup
 from dlolib.sim.simulate import Clock, Path, Rollout, State, roll_out
 from dlolib.sim.start import first_shape, released, settle
-from dlolib.types import Floats, Motion, Pose, Recording
+from dlolib.types import Floats, Motion, Points, Pose, Recording
 
 # Between two quasi-static steps an end moves and turns at most this much, so that the rope follows its
 # branch where several equilibria exist; a rope that remembers its way takes shorter ones.
@@ -65,6 +65,7 @@ class RecordingModel:
             knows no quasi-static clock and has no forward sensitivities.
         near: a rod much like those that are simulated, if one is known: from its shape at the first pose
             theirs are sought.
+        released: where a rope that nobody holds was seen first, if the recording's own points begin later.
     """
 
     recording: Recording
@@ -72,6 +73,7 @@ class RecordingModel:
     step_s: float | None
     sweeps: int | None = None
     near: Rod | None = None
+    released: Points | None = None
 
     def setup(self, rod: Rod) -> Setup:
         """The rod in the recording's surroundings.
@@ -110,14 +112,13 @@ class RecordingModel:
 
     def _sampled(self, remembers: bool, moving: bool) -> Sampling:
         points, length = self.recording.points, self.recording.rope.length_m
-        step_s = self.step_s if moving else None
-        times = _step_times(self.recording, step_s, REMEMBERED if remembers else 1.0)
+        times = self._step_times(self.step_s if moving else None, REMEMBERED if remembers else 1.0)
         return sampling_of(points.t_s, times, point_weights(points, length, self.particles))
 
     @cached_property
     def _hastiest(self) -> tuple[float, float, float, float]:
         """The dynamic step that is hardest to follow: how hard, when [s], an end's way [m] and turn [rad]."""
-        times = _step_times(self.recording, self.step_s, 1.0)
+        times = self._step_times(self.step_s, 1.0)
         poses = interpolate_motion(self.recording.motion, times)
         ways = [np.linalg.norm(np.diff(m, axis=0), axis=1) for m in (poses.start_m, poses.end_m)]
         cosines = [np.sum(q[1:] * q[:-1], axis=1) for q in (poses.start_q, poses.end_q)]
@@ -180,10 +181,16 @@ class RecordingModel:
         """Whether anybody holds the rope; else it falls from where it was seen first."""
         return "clamped" in (self.recording.ends.start, self.recording.ends.end)
 
+    def _step_times(self, step_s: float | None, share: float) -> Floats:
+        begin_s = None if self._held else float(self._first_points.t_s[0])
+        return _step_times(self.recording, step_s, share, begin_s)
+
+    @cached_property
+    def _first_points(self) -> Points:
+        return self.released or released_points(self.recording)
+
     def _released(self, made: Setup) -> State:
-        points = self.recording.points
-        first = points.t_s == points.t_s.min()
-        return released(points.s_m[first], points.xyz_m[first], made.segments[:, 0])
+        return released(self._first_points.s_m, self._first_points.xyz_m, made.segments[:, 0])
 
     def _moved(self, made: Setup, rest: Rollout) -> Rollout:
         path, state = self.path(made, self.times(made)), rest.final.at_rest()
@@ -340,16 +347,22 @@ def held_path(motion: Motion, made: Setup) -> Path:
     return Path(positions[None], changed[None])
 
 
-def _step_times(recording: Recording, step_s: float | None, share: float) -> Floats:
+def released_points(recording: Recording) -> Points:
+    """The points of the first frame: where a rope that nobody holds begins."""
+    points = recording.points
+    first = points.t_s == points.t_s.min()
+    return Points(points.frame[first], points.t_s[first], points.s_m[first], points.xyz_m[first])
+
+
+def _step_times(recording: Recording, step_s: float | None, share: float, released_s: float | None) -> Floats:
     """When to solve: every dt, or without one at the frames, the rows and as many between.
 
-    `share`: of the largest step that the ends may take.
+    `share`: of the largest step that the ends may take; released_s: when the first frame saw a rope that
+    nobody holds, which moves from there.
     """
     rows, frames = recording.motion.t_s, np.unique(recording.points.t_s)
     if step_s is not None:
-        # a rope that nobody holds begins where the first frame saw it, and moves from there
-        released = recording.ends.start == recording.ends.end == "free"
-        begin = frames[0] + step_s if released else rows[0]
+        begin = rows[0] if released_s is None else released_s + step_s
         last = max(frames[-1], begin + step_s)
         if last - begin > MOST_STEPS * step_s:
             problem = f"{last - begin:g} s in steps of {step_s:g} s are more than {MOST_STEPS:,} steps"

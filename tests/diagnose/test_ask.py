@@ -1,5 +1,7 @@
 """The next motion: one a robot can do from where it stands, and one that tells the two models apart."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from diagnose.test_diagnose import found, made
@@ -19,6 +21,16 @@ def test_every_motion_of_the_menu_goes_on_from_the_last_pose() -> None:
         ways = np.linalg.norm(np.diff(motion.end_m, axis=0), axis=1)
         assert (ways <= 1.01 * QUICKER * speed * np.diff(motion.t_s)).all(), says
         assert (np.sum(motion.end_q[1:] * motion.end_q[:-1], axis=1) > 0.9).all(), says
+
+
+def test_of_an_end_that_only_turns_no_arc_is_asked_for() -> None:
+    angle = np.deg2rad(60) * np.sin(np.linspace(0, np.pi, len(MOTION.t_s)))
+    turns = Rotation.from_quat(MOTION.end_q[0], scalar_first=True) * Rotation.from_rotvec(
+        np.outer(angle, [0, 0, 1])
+    )
+    still = np.tile(MOTION.end_m[0], (len(angle), 1))
+    says = menu(replace(MOTION, end_m=still, end_q=turns.as_quat(scalar_first=True)))
+    assert len(says) == 2 and all(motion.t_s[-1] > 1 for _, motion in says)
 
 
 def test_the_roll_is_about_the_rope() -> None:

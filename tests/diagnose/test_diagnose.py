@@ -10,7 +10,7 @@ import pytest
 from sim.ropes import EI, GJ, GRAVITY, LEVEL, ROPE
 
 from dlolib.cli import run
-from dlolib.diagnose import DiagnoseSettings, Diagnosis, diagnose, search, write_diagnosis
+from dlolib.diagnose import DiagnoseSettings, Diagnosis, diagnose, locate, search, write_diagnosis
 from dlolib.diagnose.detect import gain_needed
 from dlolib.diagnose.fitting import fit, hypothesis
 from dlolib.errors import ParameterError
@@ -210,3 +210,11 @@ def test_two_recordings_share_the_material_and_are_mounted_each_in_its_own_way()
     assert not both.verdict.nuisances["first"]
     assert both.verdict.baseline.heldout_rmse_m == pytest.approx(np.sqrt(3) * SIGMA, rel=0.15)
     assert [len(np.unique(seen.recording.points.frame)) for seen in both.found.study.seen] == [FRAMES, 30]
+
+
+def test_the_way_back_is_found_of_a_rope_with_a_free_end() -> None:
+    whole = made({})
+    nowhere = {"start_m": np.full_like(whole.motion.start_m, np.nan)}
+    nowhere["start_q"] = np.full_like(whole.motion.start_q, np.nan)
+    free = replace(whole, ends=Ends("free", "clamped"), motion=replace(whole.motion, **nowhere))
+    assert locate._pairs(free) == locate._pairs(whole) != []

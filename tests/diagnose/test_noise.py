@@ -102,3 +102,13 @@ def test_without_static_frames_the_quick_part_tells() -> None:
     found, source = noise_left(moving, values + wave)
     assert source == "quick part of the residuals"
     assert found.sigma_m == pytest.approx(SIGMA, rel=0.1)
+
+
+def test_points_that_say_the_same_again_tell_no_noise() -> None:
+    """Simulated ones, or those of a tracker that waits for a motion: the residuals tell it then."""
+    still, _ = noisy(Noise(SIGMA, 0.0, 0.0))
+    first = still.points.xyz_m[:20]
+    same = replace(still, points=replace(still.points, xyz_m=np.tile(first, (30, 1))))
+    assert known_noise(still) is not None and known_noise(same) is None
+    noise, _ = noise_left(same, np.zeros_like(same.points.xyz_m))
+    assert noise.sigma_m == pytest.approx(1e-6)

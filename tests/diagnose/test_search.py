@@ -6,10 +6,12 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
+import pytest
 
+from dlolib.diagnose import search
 from dlolib.diagnose.fitting import Fitted
 from dlolib.diagnose.search import _refined, _settled
-from dlolib.diagnose.study import Study
+from dlolib.diagnose.study import DiagnoseSettings, Study
 from dlolib.diagnose.tasks import Task
 from dlolib.diagnose.workers import Workers
 from dlolib.identify.parameters import Unknown
@@ -57,3 +59,31 @@ def test_the_winner_is_one_whose_mesh_error_stands() -> None:
 
     best = _settled(STUDY, [pair, alone, far], baseline, cast(Workers, run))
     assert [one.effects for one in best] == [alone.effects, pair.effects, far.effects]
+
+
+def test_who_comes_near_when_the_winner_settles_is_settled_too() -> None:
+    baseline, winner = fitted(9000.0), fitted(8100.0, ("end_angle",), ("start_1",))
+    second = fitted(8165.0, ("mass_profile",), LUMP)
+    stand = {id(winner): 8180.0, id(second): 8190.0}
+
+    def run(function: Callable[[Study, Fitted], Any], jobs: Sequence[Fitted], what: str) -> list[Fitted]:
+        return [replace(job, chi2=stand[id(job)]) for job in jobs]
+
+    best = _settled(STUDY, [winner, second], baseline, cast(Workers, run))
+    assert [(one.effects, one.chi2) for one in best] == [(winner.effects, 8180.0), (second.effects, 8190.0)]
+
+
+def test_of_two_forms_of_a_pair_the_one_of_less_bic_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    key = ("end_twist", "mass_profile")
+    small, large = fitted(8000.0, key, ("gradient",)), fitted(7999.0, key, SLOPED)
+    models = {
+        ("end_twist",): fitted(8200.0, ("end_twist",), ("start",)),
+        ("mass_profile",): fitted(8201.0, ("mass_profile",), ("gradient",)),
+    }
+    found = {("end_twist",): small, ("mass_profile",): large}
+    monkeypatch.setattr(search, "_partners", lambda study, fewer, *_: [found[fewer.effects]])
+    monkeypatch.setattr(search, "backed", lambda *_: None)
+    monkeypatch.setattr(search, "_done", lambda *_: False)
+    study = cast(Study, SimpleNamespace(frames=70, rigid=lambda point: False))
+    search._grown(study, models, fitted(9000.0), 2, DiagnoseSettings(), cast(Workers, None))
+    assert models[key].chi2 == small.chi2
