@@ -114,11 +114,10 @@ def answered(
     for attempt in range(REDRAWS):
         try:
             case = draw_case(seed, index, names, multiple, attempt, settled_m)
-            more = detect(case)
+            more = detect(case) | {"nearest": nearest_laws(case)}
             break
         except SimulationError:
             if attempt == REDRAWS - 1:
                 raise
     touch = touched(case)
-    more |= {"attempt": attempt, "touch_m": None if touch is None else touch.tolist()}
-    return case, more | {"nearest": nearest_laws(case)}
+    return case, more | {"attempt": attempt, "touch_m": None if touch is None else touch.tolist()}
