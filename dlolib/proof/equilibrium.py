@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import lapack
@@ -27,6 +28,8 @@ HALVINGS, SHORTENINGS = 6, 5
 HONEY_N_M, FALLS = 100.0, 60
 # What weighs alike when a step is judged: a moment and a distance.
 MERIT_N_M, MERIT_M = 1e-3, 1e-2
+# How far a turn of the gripper by one radian carries the rope, about [m], and how far on a step is foreseen.
+LEVER_M, FORESEEN = 0.1, 2.0
 
 
 @dataclass(frozen=True)
@@ -53,6 +56,15 @@ class Drift:
     drift: Floats
 
 
+class Balance(NamedTuple):
+    """One that was found: q (D,), reaction (6,), and the gripper's place (3,) [m] and turn (3, 3)."""
+
+    q: Floats
+    reaction: Floats
+    place_m: Floats
+    turn: Floats
+
+
 class Equilibrium:
     """A chain with its laws, loads and contacts, and the state that balances them."""
 
@@ -69,6 +81,8 @@ class Equilibrium:
         self.loads, self.contacts = loads, contacts
         self.q, self.reaction = start, np.zeros(6)
         self.length_m = 0.0
+        # The last one or two balances on the gripper's way.
+        self.trail: list[Balance] = []
         # How often the balance may still be weighed, which bounds the time that a rope thrown about takes.
         self.patience = 1000
 
@@ -90,22 +104,53 @@ class Equilibrium:
         Raises:
             SimulationError: no balance was found, in however small steps.
         """
-        before = self.q.copy(), self.reaction.copy()
-        share, size = 0.0, 1.0
         self.chain.move(self.q)
         first_m, first = self.chain.vertices[-1].copy(), self.chain.gripper.copy()
         whole = -turn_between(first, turn)
+        self.trail[-1:] = [Balance(self.q, self.reaction, first_m, first)]
+        share, size = 0.0, 1.0
         while share < 1.0:
             aim = min(1.0, share + size)
-            way = first_m + aim * (position - first_m)
-            if self._newton(way, turn if aim == 1.0 else _turned(whole * aim, first), step_s, drift):
-                share, before, size = aim, (self.q.copy(), self.reaction.copy()), 2 * size
+            pose = first_m + aim * (position - first_m), turn if aim == 1.0 else _turned(whole * aim, first)
+            if self._follow(*pose, step_s, drift):
+                share, size = aim, 2 * size
                 continue
-            self.q, self.reaction = before[0].copy(), before[1].copy()
             size /= 2
             if size < 0.5**HALVINGS:
-                self._fall(way, turn if aim == 1.0 else _turned(whole * aim, first), step_s, drift)
-                share, before, size = aim, (self.q.copy(), self.reaction.copy()), 0.25
+                self._fall(*pose, step_s, drift)
+                share, size = aim, 0.25
+
+    def _follow(self, position: Floats, turn: Floats, step_s: float, drift: Drift | None) -> bool:
+        """Balance from where the last step leads, or else from where it ended; there it stays without one."""
+        last = self.trail[-1]
+        for start in (*self._foreseen(position, turn), (last.q, last.reaction)):
+            self.q, self.reaction = start
+            if self._newton(position, turn, step_s, drift):
+                self._leave_trail(position, turn)
+                return True
+        self.q, self.reaction = last.q, last.reaction
+        return False
+
+    def _foreseen(self, position: Floats, turn: Floats) -> list[tuple[Floats, Floats]]:
+        """The last balance changed as it last changed, by as much as the gripper goes on that way.
+
+        A rope goes millimetres in a step, and to within a tenth of one where the last step leads. What
+        touches is then the same, which Newton's method takes long to find for hard contacts.
+        """
+        if len(self.trail) < 2:
+            return []
+        last, now = self.trail
+        went = np.append(now.place_m - last.place_m, LEVER_M * turn_between(now.turn, last.turn))
+        goes = np.append(position - now.place_m, LEVER_M * turn_between(turn, now.turn))
+        share = np.clip(went @ goes / (went @ went), -FORESEEN, FORESEEN)
+        return [(now.q + share * (now.q - last.q), now.reaction + share * (now.reaction - last.reaction))]
+
+    def _leave_trail(self, position: Floats, turn: Floats) -> None:
+        """Append the present state; it replaces the last one where the gripper stood."""
+        last, now = self.trail[-1], Balance(self.q, self.reaction, position, turn)
+        went_rad = np.linalg.norm(turn_between(turn, last.turn))
+        stood = max(np.linalg.norm(position - last.place_m), LEVER_M * went_rad) < 10 * NEAR_M
+        self.trail = [*self.trail[:-1], now] if stood else [last, now]
 
     def _fall(self, position: Floats, turn: Floats, step_s: float, drift: Drift | None) -> None:
         """Where the balance is lost the rope falls to the next one, as through honey.
@@ -120,8 +165,9 @@ class Equilibrium:
             honey = Drift(still.rate + rate, still.drift + rate * self.chain.vertices)
             if not self._newton(position, turn, step_s, honey):
                 break
-            before = self.q.copy(), self.reaction.copy()
+            before = self.q, self.reaction
             if self._newton(position, turn, step_s, drift):
+                self._leave_trail(position, turn)
                 return
             self.q, self.reaction = before
         raise SimulationError("the laboratory's rope found no balance", mend="move it less")

@@ -11,7 +11,7 @@ from dlolib.proof.chain import Chain
 from dlolib.proof.equilibrium import Equilibrium
 from dlolib.proof.motions import ALONG_X
 from dlolib.proof.world import Experiment, build
-from dlolib.types import Floats, Motion
+from dlolib.types import Floats, Motion, Obstacle
 
 EI, LENGTH = 3e-4, 0.445
 
@@ -50,11 +50,16 @@ def test_slopes_are_differences(more: dict[str, bool]) -> None:
     np.testing.assert_allclose(chain.moment_slopes(moment), turned, atol=1e-7)
 
 
-def balanced(bodies: int, end_m: tuple[float, float, float], twist_ratio: float = 1.0) -> Equilibrium:
+def balanced(
+    bodies: int,
+    end_m: tuple[float, float, float],
+    twist_ratio: float = 1.0,
+    obstacles: tuple[Obstacle, ...] = (),
+) -> Equilibrium:
     rest = np.tile(ALONG_X, (2, 1))
     place = np.tile(end_m, (2, 1))
     motion = Motion(np.array([0.0, 1.0]), np.zeros((2, 3)), rest, place, rest)
-    rope = build(Experiment(motion, np.zeros(1), EI, twist_ratio * EI), {}, bodies)
+    rope = build(Experiment(motion, np.zeros(1), EI, twist_ratio * EI, obstacles=obstacles), {}, bodies)
     rope.reach(place[0], Rotation.from_quat(ALONG_X, scalar_first=True).as_matrix(), 0.0)
     rope.chain.move(rope.q)
     return rope
@@ -88,6 +93,31 @@ def test_mujoco_weighs_the_balance_alike() -> None:
     springs[chain.place] = bend * np.array([EI, EI, 0.6 * EI])
     held = jac_m.T @ rope.reaction[:3] + jac_turn.T @ rope.reaction[3:]
     np.testing.assert_allclose(springs + chain.data.qfrc_bias, held, atol=1e-7)
+
+
+BAR = Obstacle(
+    "cylinder",
+    {"center_m": (0.15, 0.0, -0.12), "axis": (0.0, 1.0, 0.0), "radius_m": (0.02,), "height_m": (1.0,)},
+)
+
+
+def test_a_step_is_looked_for_where_the_last_one_leads() -> None:
+    """Drawn over a bar: the same balance as from where the last step ended, in a third of the weighings."""
+    turn = Rotation.from_quat(ALONG_X, scalar_first=True).as_matrix()
+    places = np.linspace((0.3, 0.0, 0.0), (0.34, 0.0, -0.02), 11)
+    ropes, weighed = [], []
+    for foreseen in (True, False):
+        rope = balanced(29, tuple(places[0]), obstacles=(BAR,))
+        had = rope.patience
+        for place in places[1:]:
+            if not foreseen:
+                rope.trail = rope.trail[-1:]
+            rope.reach(place, turn, 0.0)
+        ropes.append(rope)
+        weighed.append(had - rope.patience)
+    assert len(rope.contacts[0].touch(rope.chain.vertices).body)
+    np.testing.assert_allclose(ropes[0].q, ropes[1].q, atol=1e-6)
+    assert weighed[0] < weighed[1] / 3
 
 
 def test_a_rope_pulled_longer_than_it_is_is_refused() -> None:

@@ -20,6 +20,20 @@ def test_it_pushes_away_from_the_axis() -> None:
     assert np.abs(touch.force[:, 1]).max() == 0
 
 
+@pytest.mark.parametrize("load_n_m", [0.4, 24.0])
+def test_a_rope_lies_on_the_bar(load_n_m: float) -> None:
+    """By its weight or pulled taut: within 0.04 mm of touching, where a tracker is 1.5 mm off."""
+    contact = Contact(BAR, 0.004, 0.0, 1)
+
+    def push(depth_m: float) -> float:
+        lying = np.array([[x, 0.0, 0.034 - depth_m] for x in (0.0975, 0.1025)])
+        # the touched points stand 1.25 mm beside the bar's top
+        touched = contact.touch(lying - np.array([0.0, 0.0, 0.00125**2 / (2 * 0.034)]))
+        return float(touched.force[:, 2].sum()) / 0.005
+
+    assert push(-4e-5) < load_n_m < push(4e-5)
+
+
 @pytest.mark.parametrize("slip_m", [1e-6, 1e-4, 1e-2])
 def test_friction_stays_in_the_cone(slip_m: float) -> None:
     contact = Contact(BAR, 0.004, 0.3, 4)
