@@ -106,7 +106,7 @@ proof-calibration: .venv/installed ## recordings of the proof's laboratory with 
 	@python -m stages.proof --calibration
 
 .PHONY: proof-refinement
-proof-refinement: .venv/installed ## what twice the bodies of the proof's laboratory would change
+proof-refinement: .venv/installed ## what a finer laboratory with harder obstacles would change
 	@python -m stages.proof_refinement
 
 .PHONY: proof-sizes

@@ -1,4 +1,4 @@
-"""Is the proof's laboratory fine enough? `make proof-refinement`: what twice its bodies or half its steps do.
+"""Is the proof's laboratory fine enough? `make proof-refinement`: what more bodies, steps, hardness do.
 
 Recordings with nothing missing come first, then what remembers or touches. Goal: its own discretisation
 leaves a gain below 2 in χ², nothing that a diagnosis could take for physics.

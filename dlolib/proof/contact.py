@@ -13,7 +13,7 @@ from dlolib.types import Floats, Ints, Obstacle
 # The rope touches at points a half body apart, each for its length l: pushed back with this times l times
 # how deep it is [N/m²], and growing smoothly from nothing over a few times 0.01 mm. A rope that lies on a
 # bar (0.4 N/m) or is pulled taut over it (24 N/m) is within 0.04 mm of touching.
-STIFFNESS_N_M2, SOFT_M = 1e6, 1e-5
+HARDNESS_N_M2, SOFT_M = 1e6, 1e-5
 # Sideways the surface gives way more, and the cone's edge is rounded by this power.
 SIDEWAYS, ROUND = 0.1, 8
 SHARES = (0.25, 0.75)
@@ -46,9 +46,17 @@ class Contact:
         rope_radius_m: comes on top of the obstacle's [m].
         friction: Coulomb's coefficient.
         bodies: of the chain.
+        hardness: of the obstacle, force by depth for each metre of rope [N/m²].
     """
 
-    def __init__(self, obstacle: Obstacle, rope_radius_m: float, friction: float, bodies: int) -> None:
+    def __init__(
+        self,
+        obstacle: Obstacle,
+        rope_radius_m: float,
+        friction: float,
+        bodies: int,
+        hardness: float = HARDNESS_N_M2,
+    ) -> None:
         if obstacle.shape not in ("sphere", "cylinder"):
             raise ParameterError(
                 f"the laboratory has no obstacle {obstacle.shape!r}", mend="use sphere or cylinder"
@@ -57,7 +65,7 @@ class Contact:
         self.reach = float(obstacle.values["radius_m"][0]) + rope_radius_m
         axis = np.array(obstacle.values.get("axis", (0.0, 0.0, 0.0)), dtype=float)
         self.across = np.eye(3) - np.outer(axis, axis) / max(axis @ axis, 1e-12)
-        self.friction = friction
+        self.friction, self.hardness = friction, hardness
         self.body = np.repeat(np.arange(bodies), len(SHARES))
         self.share = np.tile(SHARES, bodies)
         self.held = np.zeros((len(self.body), 3))
@@ -85,7 +93,7 @@ class Contact:
         point = np.flatnonzero(distance < self.reach + 20 * SOFT_M)
         normal = away[point] / distance[point, None]
         length = float(np.linalg.norm(vertices[1] - vertices[0]))
-        spring = STIFFNESS_N_M2 * length / len(SHARES)
+        spring = self.hardness * length / len(SHARES)
         depth = (self.reach - distance[point]) / SOFT_M
         push = spring * SOFT_M * np.logaddexp(0.0, depth)
         stiff = spring * expit(depth)

@@ -1,8 +1,9 @@
-"""Is the laboratory fine enough? What twice the bodies, or half the steps, would change."""
+"""Is the laboratory fine enough? What twice the bodies, half the steps or harder obstacles would change."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from dlolib.proof.gain import left_over
 from dlolib.proof.play import play
 from dlolib.types import Noise
 
-ENOUGH = 1.0
+ENOUGH, HARDER = 1.0, 4.0
 WHITE = Noise(0.0015, 0.0, 0.0)
 EFFECTS: tuple[tuple[str, ...], ...] = (
     (),
@@ -34,21 +35,27 @@ def refined(seed: int, index: int) -> dict[str, Any]:
 
     `gain` is the noise-free chi-squared (white noise of 1.5 mm) that the best rope of as many bodies as the
     recording took leaves of one with twice as many and the same effects, refitted unless it is below 1
-    anyway; `bodies_m` and `steps_m` are the largest changes of a point for twice the bodies and for half the
-    steps [m].
+    anyway; `harder_gain` likewise of obstacles four times as hard. `bodies_m`, `steps_m` and `harder_m` are
+    the largest changes of a point for twice the bodies, for half the steps and for such obstacles [m].
     """
     names = EFFECTS[index]
     case = _playable(seed, index, names)
-    fine = play(case.experiment, case.effects, 2 * case.bodies)
-    left = left_over(case.experiment, fine, case.effects, WHITE, case.bodies, doubtless=ENOUGH)
-    half = play(case.experiment, case.effects, case.bodies, finer=2)
+    experiment, effects, bodies = case.experiment, case.effects, case.bodies
+    fine = play(experiment, effects, 2 * bodies)
+    hard = play(replace(experiment, hardness=HARDER * experiment.hardness), effects, bodies)
+    half = play(experiment, effects, bodies, finer=2)
+    left, harder = (
+        left_over(experiment, one, effects, WHITE, bodies, doubtless=ENOUGH) for one in (fine, hard)
+    )
     return {
         "effects": list(names),
-        "obstacles": len(case.experiment.obstacles),
-        "bodies": case.bodies,
+        "obstacles": len(experiment.obstacles),
+        "bodies": bodies,
         "gain": left.value,
         "bodies_m": float(np.abs(fine - case.points_m).max()),
         "steps_m": float(np.abs(half - case.points_m).max()),
+        "harder_gain": harder.value,
+        "harder_m": float(np.abs(hard - case.points_m).max()),
     }
 
 

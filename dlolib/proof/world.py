@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from dlolib.proof.chain import CLAMP, Chain, Sizes
-from dlolib.proof.contact import Contact
+from dlolib.proof.contact import HARDNESS_N_M2, Contact
 from dlolib.proof.equilibrium import Equilibrium, Springs
 from dlolib.proof.laws import Elastic, Law, creeping, rubbing, yielding
 from dlolib.types import Floats, Motion, Obstacle
@@ -51,6 +51,7 @@ class Experiment:
         bending_stiffness, torsional_stiffness: EI and GJ [N m²].
         sizes: what recording.json says of the rope.
         obstacles: spheres and cylinders that are recorded.
+        hardness: of all that the rope touches, force by depth for each metre of rope [N/m²].
     """
 
     motion: Motion
@@ -59,6 +60,7 @@ class Experiment:
     torsional_stiffness: float
     sizes: Sizes = field(default_factory=Sizes)
     obstacles: tuple[Obstacle, ...] = ()
+    hardness: float = HARDNESS_N_M2
 
 
 def build(experiment: Experiment, effects: Effects, bodies: int) -> Equilibrium:
@@ -180,12 +182,13 @@ def _loads(experiment: Experiment, effects: Effects, bodies: int) -> Floats:
 def _contacts(experiment: Experiment, effects: Effects, bodies: int) -> list[Contact]:
     radius = experiment.sizes.diameter_m / 2
     friction = effects.get("contact_friction", {}).get("coefficient", 0.0)
-    found = [Contact(one, radius, friction, bodies) for one in experiment.obstacles]
+    hardness = experiment.hardness
+    found = [Contact(one, radius, friction, bodies, hardness) for one in experiment.obstacles]
     hidden = effects.get("hidden_obstacle")
     if hidden is not None:
         center = (hidden["x"], hidden["y"], hidden["z"])
         sphere = Obstacle("sphere", {"center_m": center, "radius_m": (hidden["radius"],)})
-        found.append(Contact(sphere, radius, 0.0, bodies))
+        found.append(Contact(sphere, radius, 0.0, bodies, hardness))
     return found
 
 

@@ -210,18 +210,21 @@ def _refinement(fine: Mapping[str, Any]) -> Table:
             fixed(one["gain"], 2),
             fixed(1e3 * one["bodies_m"], 3),
             fixed(1e3 * one["steps_m"], 3),
+            fixed(one["harder_gain"], 2),
+            fixed(1e3 * one["harder_m"], 3),
         )
         for one in fine["cases"]
     )
     columns = (
         Column("In the recording", align="left"), Column("Obstacles", "count"), Column("Bodies", "count"),
-        Column("χ² left", f"goal < {fine['goal']:g}"),
-        Column("Twice the bodies", "mm"), Column("Half the steps", "mm"),
+        Column("Twice the bodies", f"χ², goal < {fine['goal']:g}"), Column("Twice the bodies", "mm"),
+        Column("Half the steps", "mm"),
+        Column("Harder obstacles", f"χ², goal < {fine['goal']:g}"), Column("Harder obstacles", "mm"),
     )  # fmt: skip
     caption = (
-        "What the bodies of the laboratory's chain leave of one of twice as many (`make proof-refinement`): "
-        "the noise-free χ² of the best such rope with the same effects, at white noise of 1.5 mm, and the "
-        "largest change of a point."
+        "What the laboratory's rope leaves of one with twice as many bodies, and of one whose obstacles are "
+        "four times as hard (`make proof-refinement`): the noise-free χ² of the best such rope with the same "
+        "effects, at white noise of 1.5 mm, and the largest change of a point."
     )
     return Table(caption, columns, rows)
 
