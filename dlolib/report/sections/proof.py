@@ -165,7 +165,10 @@ def _outcomes(proof: Mapping[str, Any], figures: Path) -> Figure:
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.grid(visible=False, axis="y")
     figure.legend(*axes.get_legend_handles_labels(), loc="outside upper left", ncols=len(OUTCOMES))
-    caption = "Recordings with one detectable effect, by what was said. See which are mistaken or missed."
+    caption = (
+        "Recordings with one effect alone, where it is detectable, by what was said. What was said of pairs "
+        "stands in the table."
+    )
     return Figure(save(figure, figures, "proof"), caption, "Outcomes of the blind proof by effect")
 
 
