@@ -31,6 +31,8 @@ MOST_STEPS = 1000
 STIFFNESSES_M4_S2 = (1e-8, 1e6)
 # The weight over EI / L² of a rope that it does not bend, and EI / L² over the weight of ropes that it does.
 STANDARD_GRAVITY_M_S2, UNBENT, BENT_BY_WEIGHT = 9.81, 0.01, (0.1, 0.01)
+# GJ over EI of a rope that is neither limp in twist nor rigid; a solid round one has 0.67 to 1.
+USUAL_TWIST = (0.1, 10.0)
 # A stiffness whose neutral value is infinite is not sought beyond this times its largest start.
 AS_GOOD_AS_RIGID = 1e3
 # What one pose can tell of, at most.
@@ -193,13 +195,25 @@ class Study:
         """Whether the rope is too stiff there for its weight to bend it; then nothing tells how stiff."""
         return point[Unknown("bending_stiffness")] > self._weight / UNBENT
 
-    def softer(self, point: Point, effect: str) -> list[dict[Unknown, float]]:
-        """Stiffnesses in the place of a point's, where a fit with one more effect may begin: none first, then
-        softer ones where the point is rigid, or stiff for want of that effect."""
+    def beginnings(self, point: Point, effect: str) -> list[dict[Unknown, float]]:
+        """Stiffnesses in the place of a point's, where a fit with one more effect may begin: its own first,
+        but for a GJ that ran off; then softer ones where the point is rigid or stiff for want of that effect.
+
+        What a model lacks may leave it limp in twist. A limp rope coils up or snaps under the least of what
+        would explain it, so that no fit begun there would find it.
+        """
         stiff = self.rigid(point) or stiffens(effect)
         eis = [share * self._weight for share in BENT_BY_WEIGHT if stiff]
         eis = [ei for ei in eis if ei < point[Unknown("bending_stiffness")]]
-        return [{}, *({Unknown(name): ei for name in self.stiffnesses} for ei in eis)]
+        return [self._usual(point), *({Unknown(name): ei for name in self.stiffnesses} for ei in eis)]
+
+    def _usual(self, point: Point) -> dict[Unknown, float]:
+        """The GJ to begin with where a point's ran off."""
+        gj = Unknown("torsional_stiffness")
+        if gj not in point:
+            return {}
+        low, high = (ratio * point[Unknown("bending_stiffness")] for ratio in USUAL_TWIST)
+        return {} if low <= point[gj] <= high else {gj: float(np.clip(point[gj], low, high))}
 
     @property
     def _weight(self) -> float:

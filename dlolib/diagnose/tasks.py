@@ -94,7 +94,8 @@ def beginnings(
         {Unknown(part): value for part, value in start.items()} for start in study.starts(name, form, hints)
     ]
     starts = [
-        [{**at.point, **stiffness, **start} for start in effect] for stiffness in study.softer(at.point, name)
+        [{**at.point, **stiffness, **start} for start in effect]
+        for stiffness in study.beginnings(at.point, name)
     ]
     groups = starts if stiffens(name) else [[start for some in starts for start in some]]
     return [Task({**have, name: form}, tuple(some), at.offsets_m, best) for some in groups]

@@ -45,22 +45,30 @@ def test_a_rope_yields_first_below_its_largest_curvature(study):
 
 def test_softer_ropes_are_tried_where_the_stiffness_tells_nothing(study):
     found = baseline(study).point
-    assert not study.rigid(found) and study.softer(found, "mass_profile") == [{}]
+    assert not study.rigid(found) and study.beginnings(found, "mass_profile") == [{}]
     rigid = dict.fromkeys(map(Unknown, study.stiffnesses), 2e4 * EI)
     assert study.rigid(rigid)
-    first, *others = study.softer(rigid, "mass_profile")
+    first, *others = study.beginnings(rigid, "mass_profile")
     assert first == {} and all(set(one) == set(rigid) for one in others)
     assert all(0 < one[Unknown("bending_stiffness")] < rigid[Unknown("bending_stiffness")] for one in others)
 
 
+def test_a_fit_begins_with_a_usual_twist_where_the_baseline_ran_limp(study):
+    ei, gj = Unknown("bending_stiffness"), Unknown("torsional_stiffness")
+    for ran_to, begins in ((1e-6 * EI, 0.1 * EI), (1e3 * EI, 10.0 * EI)):
+        first, *_ = study.beginnings({ei: EI, gj: ran_to}, "rest_curvature")
+        assert set(first) == {gj} and first[gj] == pytest.approx(begins)
+    assert study.beginnings({ei: EI, gj: 0.7 * EI}, "rest_curvature") == [{}]
+
+
 def test_softer_ropes_are_tried_beside_what_is_taken_for_stiffness(study):
     stiff = dict.fromkeys(map(Unknown, study.stiffnesses), 200 * EI)
-    assert not study.rigid(stiff) and study.softer(stiff, "mass_profile") == [{}]
-    first, *others = study.softer(stiff, "inertia_drag")
+    assert not study.rigid(stiff) and study.beginnings(stiff, "mass_profile") == [{}]
+    first, *others = study.beginnings(stiff, "inertia_drag")
     assert first == {} and others
     assert all(0 < one[Unknown("bending_stiffness")] < 200 * EI for one in others)
     soft = dict.fromkeys(map(Unknown, study.stiffnesses), 1e-3 * EI)
-    assert study.softer(soft, "inertia_drag") == [{}]
+    assert study.beginnings(soft, "inertia_drag") == [{}]
 
 
 def test_what_a_rope_is_too_stiff_for_want_of_is_fitted_from_every_stiffness(study):

@@ -21,7 +21,7 @@ AXES, WAVES = {1: "first", 2: "second"}, range(1, 5)
 
 def _uniform(axis: int) -> Parameter:
     says = f"curvature at rest about the {AXES[axis]} axis"
-    return Parameter(f"kappa_{axis}", "1/m", says, 0.0, -40.0, 40.0, 0.1, (0.0, 1.0))
+    return Parameter(f"kappa_{axis}", "1/m", says, 0.0, -40.0, 40.0, 0.1, (-1.0, 0.0, 1.0))
 
 
 def _wave(axis: int, k: int) -> Parameter:
