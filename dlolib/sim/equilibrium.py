@@ -165,9 +165,10 @@ def equilibrium(
     scale_t = joints[b, n // 2, STIFFNESS] / length
     scale_x = scale_t / length**2
     # what a full step leaves of itself where forces are smooth; else each step is as good as its word
-    smooth = obstacles.shape[1] == 0
+    lawless = True
     for i in range(n):
-        smooth = smooth and not laws_act(joints, b, i)
+        lawless = lawless and not laws_act(joints, b, i)
+    smooth = lawless and obstacles.shape[1] == 0
     # nothing resists a turn about itself of a rope that neither end holds
     loose = 0.0
     if joints[b, 0, STIFFNESS + 2] == 0.0 and joints[b, n - 1, STIFFNESS + 2] == 0.0:
@@ -210,6 +211,8 @@ def equilibrium(
         worse = energy > lowest + 1e-13 * ti.abs(lowest) + 1e-18
         if symmetric == 0 and lagged == 0:
             worse = force > least and (worse or rough == 1)
+        elif symmetric == 0 and not lawless:
+            worse = force > least and worse
         worse = worse and shift == 0.0 and not exact and mixed == 0
         if worse and fraction > (0.2 if lagged == rough else 0.1):
             # the same step, half as far

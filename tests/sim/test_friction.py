@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+from sim.ropes import EI, GJ, GRAVITY, ROPE, settled, swing, way_of
 
 from dlolib.sim import simulate
 from dlolib.sim.recording import RecordingModel
-from dlolib.sim.rod import Rod
+from dlolib.sim.rod import Rod, scene
 from dlolib.sim.simulate import Clock, Path, roll_out
+from dlolib.types import Ends, Obstacle
 from stages import gradients, peers, speed
 
 
@@ -19,6 +21,18 @@ def test_a_soft_rope_moves_over_two_rough_cylinders(coefficient: float) -> None:
     touches = rollout.slip[0, 1:].any(axis=2)
     assert touches.sum(axis=1).min() >= 10
     assert 0 < (touches & (rollout.sliding[0, 1:] == 1)).sum() < touches.sum()
+
+
+@pytest.mark.parametrize("coefficient", [0.1, 0.3, 0.6])
+def test_strands_that_rub_may_lie_over_what_is_rough(coefficient: float) -> None:
+    """Neither force has a potential then; a Newton step is good by the forces that it leaves."""
+    bar = {"center_m": (0.16, 0.0, -0.1), "axis": (0.0, 1.0, 0.0), "radius_m": (0.02,), "height_m": (0.3,)}
+    over = (Obstacle("cylinder", bar),)
+    laws = {"contact_friction.coefficient": coefficient, "internal_friction.saturation_curvature": 1.0}
+    rod = Rod(ROPE, EI, GJ, laws)
+    start = settled(rod, obstacles=over)
+    rollout = roll_out(scene([rod], GRAVITY, Ends(), over), start, way_of(swing()), Clock(None))
+    assert rollout.slip.any() and rollout.past.any()
 
 
 def test_a_shape_is_solved_for_as_sharply_as_asked(monkeypatch: pytest.MonkeyPatch) -> None:
