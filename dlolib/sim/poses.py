@@ -39,6 +39,7 @@ from dlolib.types import Floats, Ints, Motion, Pose, Recording
 
 # Share of the time between two poses in which the ends go from one to the other.
 UNDERWAY = 0.1
+STANDARD_GRAVITY_M_S2 = 9.81
 
 
 @dataclass(frozen=True)
@@ -158,12 +159,19 @@ Model = RecordingModel | PosesModel
 
 def model_of(recording: Recording, particles: int, step_s: float | None, sweeps: int | None = None) -> Model:
     """The recording ready to be fitted: as one motion, or pose by pose where the ways between are unknown."""
-    frames = np.unique(recording.points.t_s)
-    motion = recording.motion
-    settled = recording.quasi_static and len(frames) > 1 and len(motion.t_s) <= len(frames)
-    if settled and sweeps is None and largest_step(motion) > 1.0:
+    if recording.quasi_static and sweeps is None and _poses(recording):
         return PosesModel(recording, particles)
     return RecordingModel(recording, particles, step_s, sweeps)
+
+
+def _poses(recording: Recording) -> bool:
+    """Whether the motion's rows are where a rope settled, and not a way: far apart, and so long that a rope
+    as long as that would have fallen meanwhile (its pendulum's √(L / g))."""
+    frames, motion = np.unique(recording.points.t_s), recording.motion
+    if len(frames) < 2 or len(motion.t_s) > len(frames) or largest_step(motion) <= 1.0:
+        return False
+    falls_s = np.sqrt(recording.rope.length_m / STANDARD_GRAVITY_M_S2)
+    return bool(np.median(np.diff(motion.t_s)) > falls_s)
 
 
 def near(model: Model, rod: Rod) -> Model:

@@ -87,15 +87,22 @@ def test_settled_poses_are_solved_one_by_one() -> None:
     assert np.abs(each.by_parameter - one.by_parameter).max() < 1e-6 * np.abs(one.by_parameter).max()
 
 
+def test_rows_of_a_fast_motion_are_no_settled_poses() -> None:
+    """However far they are apart: in so short a time the ends went no other way."""
+    way, ends = np.array([90.0, 120, 150]), Ends("clamped", "clamped")
+    assert isinstance(model_of(poses(way, ends, every_s=10.0), 20, None), PosesModel)
+    assert isinstance(model_of(poses(way, ends, every_s=0.1), 20, None), RecordingModel)
+
+
 def test_a_rod_of_another_mesh_is_refused() -> None:
     for model in (RecordingModel(recording(), 20, None), PosesModel(recording(), 20)):
         with pytest.raises(ParameterError, match="30 particles where the recording's model has 20"):
             model.predict(Rod(ROPE, EI, GJ))
 
 
-def poses(degrees: Floats, ends: Ends) -> Recording:
+def poses(degrees: Floats, ends: Ends, every_s: float = 30.0) -> Recording:
     """A rope seen at each of some angles about y to which its start was turned."""
-    t_s, count = 30.0 * np.arange(len(degrees)), len(degrees)
+    t_s, count = every_s * np.arange(len(degrees)), len(degrees)
     half = np.deg2rad(degrees) / 2
     turned = np.stack([np.cos(half), 0 * half, np.sin(half), 0 * half], axis=1)
     still = np.tile([0.2, 0.0, 0.3], (count, 1))
