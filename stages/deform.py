@@ -6,8 +6,8 @@ is right is told by the `train` recording that is left out of a fit. Then every 
 open loop over all its frames, under its own motion. What is counted is the mean absolute error per
 coordinate.
 
-A cable that swings when its recording begins is nowhere near an equilibrium: it starts where its first
-`BEGIN` frames saw it, and as fast. Beside that stands what comes of a start at rest.
+A cable that swings when its recording begins starts where its first frames saw it, and as fast. Beside that
+stands what comes of a start at rest.
 """
 
 from __future__ import annotations
@@ -29,15 +29,11 @@ from dlolib.formats import read_recording
 from dlolib.identify.parameters import Unknown
 from dlolib.identify.problem import Problem
 from dlolib.progress import track
+from dlolib.sim.begun import BegunModel
 from dlolib.sim.continuum import refined
-from dlolib.sim.differentiate import Case, Variation, sensitivities, zero_tangent
-from dlolib.sim.effects.base import Setup
-from dlolib.sim.observe import viewing_axis
-from dlolib.sim.recording import Prediction, RecordingModel, Sides, as_seen, dynamic_step
-from dlolib.sim.rod import Rod, scene_of, unit_of
-from dlolib.sim.simulate import Clock, State, roll_out
-from dlolib.sim.simulate import Path as Way
-from dlolib.sim.start import curve_through, frames_along
+from dlolib.sim.recording import FIRST, RecordingModel, dynamic_step
+from dlolib.sim.rod import Rod, unit_of
+from dlolib.sim.start import frames_along
 from dlolib.types import Floats, Points, Pose, Recording
 from stages import REPORTS, known, run
 from stages.identify import settings
@@ -46,10 +42,6 @@ from stages.proof import made_by
 CABLES = ("dlo1", "dlo3")
 BOOK = REPORTS / "deform.json"
 GOAL_MM = 10.0
-# Frames that tell where a cable is and how fast when its recording begins.
-BEGIN = 3
-# A shape read off the markers is drawn to the rope's own length in steps in which nothing else moves [s].
-DRAWN, DRAWN_S = 4, 1e-4
 # A fit follows more and more of the frames: over all of them at once it ends where a swing is missed.
 HORIZONS = (100, 200, 350, 500)
 # Every so many frames count in a fit; a point that is further off than this [m] counts less than its square.
@@ -108,54 +100,6 @@ KINDS = {
 }
 
 Values = dict[str, float]
-
-
-@dataclass(frozen=True)
-class Begun(RecordingModel):
-    """A recording whose rope starts where its first frames saw it, and as fast, not at rest."""
-
-    def respond(self, rod: Rod, sides: Sequence[Sides]) -> Prediction:
-        """See `RecordingModel.respond`; no parameter moves the start."""
-        made = self.setup(rod)
-        sampling = self._sampling(made)
-        scene, path = scene_of([made]), self.path(made, sampling.times_s)
-        rollout = roll_out(scene, self._begun(made, path), path, Clock(self.step_s))
-        xyz = sampling(rollout.x[0, 1 + sampling.steps][:, None])[:, 0]
-
-        def case(side: Setup) -> Case:
-            return Case(scene_of([side]), self.path(side, sampling.times_s))
-
-        def moved(some: Sequence[Sides]) -> Floats:
-            ways = [Variation(case(one), case(other), width) for one, other, width in some]
-            still = zero_tangent(scene, len(some))
-            return sampling(sensitivities(rollout, ways, sampling.steps + 1, still)[0][0])
-
-        return as_seen(xyz, made.camera, viewing_axis(self.recording), sides, moved)
-
-    def _begun(self, made: Setup, path: Way) -> State:
-        """One step before the first frame."""
-        step_s = self.step_s or 0.0
-        nodes = np.linspace(0.0, self.recording.rope.length_m, self.particles)
-        x, speed = (curve_through(*part, nodes) for part in begin(self.recording.points))
-        x = x - step_s * speed
-        frames = frames_along(x, *(Pose(path.x[0, 0, end], path.q[0, 0, end]) for end in range(2)))
-        held = Way(x[None, None, [0, -1]], path.q[:, :1]).still(DRAWN)
-        seen = State(x[None], x[None].copy(), frames[None])
-        drawn = roll_out(scene_of([made]), seen, held, Clock(DRAWN_S, momentum=0.0)).final
-        return State(drawn.x, drawn.x - step_s * speed, drawn.q)
-
-
-def begin(points: Points) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
-    """Where a recording's markers are at first, and how fast: s_m (M,) and place (M, 3) [m], s_m and speed
-    (M, 3) [m/s], by a straight line through the first `BEGIN` frames of those that all of them show."""
-    first = np.unique(points.frame)[:BEGIN]
-    shown = [points.frame == frame for frame in first]
-    s_m = points.s_m[shown[0]]
-    everywhere = [s for s in s_m if all(s in points.s_m[mine] for mine in shown)]
-    xyz = np.array([points.xyz_m[mine & np.isin(points.s_m, everywhere)] for mine in shown])
-    t = np.array([points.t_s[mine][0] for mine in shown])
-    t -= t.mean()
-    return (s_m, points.xyz_m[shown[0]]), (np.array(everywhere), np.tensordot(t / (t @ t), xyz, 1))
 
 
 def main(data: str, *names: str) -> None:
@@ -281,7 +225,7 @@ def model_of(recording: Recording, kind: Kind, rest: bool = False) -> RecordingM
     ends = replace(recording.ends, start_roll_known=True, end_roll_known=True)
     held = replace(upright(recording) if kind.upright else recording, ends=ends)
     mesh = settings()
-    made = RecordingModel if rest else Begun
+    made = RecordingModel if rest else BegunModel
     return made(held, mesh.particles, dynamic_step(held.motion, mesh.time_step_s))
 
 
@@ -331,7 +275,7 @@ def until(recording: Recording, frames: int) -> Recording:
     """The first so many frames, of these every `EVERY`-th and those that the start is read from."""
     points = recording.points
     number = np.unique(points.frame, return_inverse=True)[1]
-    kept = (number < frames) & ((number % EVERY == 0) | (number < BEGIN))
+    kept = (number < frames) & ((number % EVERY == 0) | (number < FIRST))
     some = Points(points.frame[kept], points.t_s[kept], points.s_m[kept], points.xyz_m[kept])
     return replace(recording, points=some)
 

@@ -21,7 +21,7 @@ from dlolib.sim.effects import EFFECTS, parameter
 from dlolib.sim.effects.base import Hint, forms, sizes
 from dlolib.sim.moments import moments
 from dlolib.sim.poses import Model, model_of, near
-from dlolib.sim.recording import RecordingModel, dynamic_step, released_points
+from dlolib.sim.recording import RecordingModel, dynamic_step, first_points
 from dlolib.sim.rod import STIFFNESSES, Rod
 from dlolib.types import Floats, Recording
 
@@ -251,7 +251,7 @@ def seen_as(recording: Recording, used: Bools, whitener: Whitener, settings: Dia
     # what is simulated the whole recording decides: whether poses settled each by itself, where it began
     model = model_of(recording, n, step_s)
     if isinstance(model, RecordingModel):
-        model = replace(model, released=released_points(recording))
+        model = replace(model, first=first_points(recording))
     return Seen(replace(model, recording=replace(recording, points=some)), whitener)
 
 

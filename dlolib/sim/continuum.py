@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from dlolib.sim.begun import motion_model
 from dlolib.sim.poses import Model
 from dlolib.sim.recording import RecordingModel, dynamic_step
 from dlolib.sim.rod import Rod
@@ -67,7 +68,7 @@ def simulated(
     near = replace(rod, effects={}) if rod.effects and sweeps is None else None
     if step_s is not None and sweeps is None:
         step_s = dynamic_step(recording.motion, step_s)
-    model = RecordingModel(recording, rod.particles, step_s, sweeps, near)
+    model = motion_model(recording, rod.particles, step_s, sweeps, near)
     xyz = model.predict(rod).xyz_m
     if finer > 1 and sweeps is None:
         xyz = xyz + mesh_error(model, refined(model, finer), rod)

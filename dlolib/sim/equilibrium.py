@@ -13,7 +13,7 @@ from dlolib.sim.contact import grip_of
 from dlolib.sim.joints import laws_act
 from dlolib.sim.rotations import rotated
 from dlolib.sim.runtime import ti, vec3
-from dlolib.sim.scene import FRICTION, SAMPLES, STIFFNESS
+from dlolib.sim.scene import FRICTION, LOAD, SAMPLES, STIFFNESS
 from dlolib.sim.strain import stretch_shear_force
 
 CONVERGED, UNCONVERGED, NOT_FINITE, TOO_FAR = 0, 1, 2, 3
@@ -189,8 +189,12 @@ def equilibrium(
     # first with the segments' forces as unknowns of their own, those of the step before to begin with
     mixed = 1 - rough
     astray = False
+    # what the energy is rounded by: it may be next to nothing, the difference of large parts
+    rounding = 1e-18
     for p in range(n):
         begin_x[b, p] = x[b, t, p]
+        load = vec3(particles[b, p, LOAD], particles[b, p, LOAD + 1], particles[b, p, LOAD + 2])
+        rounding += 1e-15 * ti.abs(load.dot(x[b, t, p]))
     for i in range(n + 1):
         begin_q[b, i] = q[b, t, i]
     if mixed == 1:
@@ -208,7 +212,7 @@ def equilibrium(
         if symmetric == 0:
             for r in range(rows):
                 force += y[b, 0, r] * y[b, 0, r] / scale_of(r, scale_x, scale_t)
-        worse = energy > lowest + 1e-13 * ti.abs(lowest) + 1e-18
+        worse = energy > lowest + 1e-13 * ti.abs(lowest) + rounding
         if symmetric == 0 and lagged == 0:
             worse = force > least and (worse or rough == 1)
         elif symmetric == 0 and not lawless:

@@ -18,6 +18,7 @@ from functools import cached_property
 import numpy as np
 
 from dlolib.formats import interpolate_motion
+from dlolib.sim.begun import STANDARD_GRAVITY_M_S2, motion_model
 from dlolib.sim.differentiate import Case, Variation, sensitivities
 from dlolib.sim.effects.base import Setup
 from dlolib.sim.observe import point_weights, viewing_axis
@@ -39,7 +40,6 @@ from dlolib.types import Floats, Ints, Motion, Pose, Recording
 
 # Share of the time between two poses in which the ends go from one to the other.
 UNDERWAY = 0.1
-STANDARD_GRAVITY_M_S2 = 9.81
 
 
 @dataclass(frozen=True)
@@ -161,7 +161,7 @@ def model_of(recording: Recording, particles: int, step_s: float | None, sweeps:
     """The recording ready to be fitted: as one motion, or pose by pose where the ways between are unknown."""
     if recording.quasi_static and sweeps is None and _poses(recording):
         return PosesModel(recording, particles)
-    return RecordingModel(recording, particles, step_s, sweeps)
+    return motion_model(recording, particles, step_s, sweeps)
 
 
 def _poses(recording: Recording) -> bool:

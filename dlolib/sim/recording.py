@@ -37,6 +37,8 @@ LEAST_DIFFERENCE, TRACE = 1e-9, 10.0
 FOLLOWED, FOLLOWED_RAD = 0.25, 1.0
 # A roll-out of so many steps takes all of a machine's memory.
 MOST_STEPS = 1_000_000
+# Frames that tell where a rope was when it was seen first, and how fast.
+FIRST = 3
 # Dynamic steps between two rows of the motion: what is recorded so often moves that fast.
 STEPS_A_ROW = 4
 
@@ -65,7 +67,8 @@ class RecordingModel:
             knows no quasi-static clock and has no forward sensitivities.
         near: a rod much like those that are simulated, if one is known: from its shape at the first pose
             theirs are sought.
-        released: where a rope that nobody holds was seen first, if the recording's own points begin later.
+        first: where the rope was seen first, if the recording's own points begin later: one that nobody holds
+            falls from there.
     """
 
     recording: Recording
@@ -73,7 +76,7 @@ class RecordingModel:
     step_s: float | None
     sweeps: int | None = None
     near: Rod | None = None
-    released: Points | None = None
+    first: Points | None = None
 
     def setup(self, rod: Rod) -> Setup:
         """The rod in the recording's surroundings.
@@ -182,21 +185,30 @@ class RecordingModel:
         return "clamped" in (self.recording.ends.start, self.recording.ends.end)
 
     def _step_times(self, step_s: float | None, share: float) -> Floats:
-        begin_s = None if self._held else float(self._first_points.t_s[0])
+        begin_s = None if step_s is None else self._begin_s(step_s)
         return _step_times(self.recording, step_s, share, begin_s)
+
+    def _begin_s(self, step_s: float) -> float:
+        """When the first step of the dynamic clock ends [s]."""
+        return float(self.recording.motion.t_s[0] if self._held else self._first_points.t_s.min() + step_s)
 
     @cached_property
     def _first_points(self) -> Points:
-        return self.released or released_points(self.recording)
+        return self.first or first_points(self.recording)
 
     def _released(self, made: Setup) -> State:
-        return released(self._first_points.s_m, self._first_points.xyz_m, made.segments[:, 0])
+        first, points = self._first_points.t_s == self._first_points.t_s.min(), self._first_points
+        return released(points.s_m[first], points.xyz_m[first], made.segments[:, 0])
 
     def _moved(self, made: Setup, rest: Rollout) -> Rollout:
-        path, state = self.path(made, self.times(made)), rest.final.at_rest()
+        path, state = self.path(made, self.times(made)), self._state(made, rest)
         if self.sweeps is not None:
             return iterative.roll_out(rest.scene, state, path, self._clock(made), self.sweeps)
         return roll_out(rest.scene, state, path, self._clock(made))
+
+    def _state(self, made: Setup, rest: Rollout) -> State:
+        """Where the motion begins, and how fast."""
+        return rest.final.at_rest()
 
     def _clock(self, made: Setup) -> Clock:
         return Clock(self.step_s if made.moving else None)
@@ -227,13 +239,13 @@ class RecordingModel:
         xyz = sampling(rollout.x[0, 1 + sampling.steps][:, None])[:, 0]
 
         def moved(some: Sequence[Sides]) -> Floats:
-            tangent = self._tangent(rest, some, sampling.times_s)
+            tangent = self._tangent(made, rest, some, sampling.times_s)
             ways = [self._variation(*side, sampling.times_s) for side in some]
             return sampling(sensitivities(rollout, ways, sampling.steps + 1, tangent.at_rest())[0][0])
 
         return as_seen(xyz, made.camera, axis, sides, moved)
 
-    def _tangent(self, rest: Rollout, sides: Sequence[tuple[Setup, Setup, float]], times: Floats) -> Tangent:
+    def _tangent(self, made: Setup, rest: Rollout, sides: Sequence[Sides], times: Floats) -> Tangent:
         """Derivatives of the first state by the parameters."""
         if self._held:
             first = [self._variation(*side, times[:1]) for side in sides]
@@ -347,22 +359,21 @@ def held_path(motion: Motion, made: Setup) -> Path:
     return Path(positions[None], changed[None])
 
 
-def released_points(recording: Recording) -> Points:
-    """The points of the first frame: where a rope that nobody holds begins."""
+def first_points(recording: Recording) -> Points:
+    """The points of the first frames: where the rope was when it was seen first, and how fast."""
     points = recording.points
-    first = points.t_s == points.t_s.min()
+    first = np.isin(points.frame, np.unique(points.frame)[:FIRST])
     return Points(points.frame[first], points.t_s[first], points.s_m[first], points.xyz_m[first])
 
 
-def _step_times(recording: Recording, step_s: float | None, share: float, released_s: float | None) -> Floats:
+def _step_times(recording: Recording, step_s: float | None, share: float, begin_s: float | None) -> Floats:
     """When to solve: every dt, or without one at the frames, the rows and as many between.
 
-    `share`: of the largest step that the ends may take; released_s: when the first frame saw a rope that
-    nobody holds, which moves from there.
+    `share`: of the largest step that the ends may take; begin_s: when the first dt ends.
     """
     rows, frames = recording.motion.t_s, np.unique(recording.points.t_s)
-    if step_s is not None:
-        begin = rows[0] if released_s is None else released_s + step_s
+    if step_s is not None and begin_s is not None:
+        begin = begin_s
         last = max(frames[-1], begin + step_s)
         if last - begin > MOST_STEPS * step_s:
             problem = f"{last - begin:g} s in steps of {step_s:g} s are more than {MOST_STEPS:,} steps"

@@ -1,0 +1,141 @@
+"""Recordings that begin while the ends move: the rope starts where it was seen first, and as fast.
+
+Such a rope is nowhere near an equilibrium. Started from one it would swing otherwise for as long as the air
+lets it, and a rod that leaves out inertia would fit the better. Where it was seen and how fast is a smooth
+curve through its first points, no smoother than their noise allows, and through the ends as they were held.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, reduce
+
+import numpy as np
+from scipy.interpolate import make_splprep
+
+from dlolib.errors import SimulationError
+from dlolib.formats import interpolate_motion
+from dlolib.sim.differentiate import Tangent, zero_tangent
+from dlolib.sim.effects.base import Setup
+from dlolib.sim.recording import RecordingModel, Sides
+from dlolib.sim.rod import Rod, scene_of
+from dlolib.sim.simulate import Clock, Path, Rollout, State, roll_out
+from dlolib.sim.start import frames_along
+from dlolib.types import Floats, Points, Pose, Recording
+
+STANDARD_GRAVITY_M_S2 = 9.81
+# An end that is faster than this share of √(gL) begins in motion: started at rest the rope would be off by
+# about as large a share of its length.
+FAST = 0.02
+# The shape seen is drawn to the rope's own length in steps so short that nothing else moves [s].
+DRAWN, DRAWN_S = 10, 1e-4
+# A marker this near to a held end, as a share of the length, is on the clamp.
+ON_CLAMP = 1e-6
+# The weight of a held end in a curve through noisy points, over theirs.
+HELD = 1e3
+CUBIC = 3
+
+
+@dataclass(frozen=True)
+class BegunModel(RecordingModel):
+    """A recording whose rope does not start at rest, on the dynamic clock; without it there is no start.
+
+    What a law remembers begins with the shape that was seen first.
+    """
+
+    def _begin_s(self, step_s: float) -> float:
+        return float(self._first_points.t_s.min())
+
+    def _at_rest(self, made: Setup) -> Rollout:
+        """One step before the first frame, drawn to the rope's length; how fast it is `_state` says."""
+        if not made.moving:
+            return super()._at_rest(made)
+        self._check_speed()
+        rec, path = self.recording, self.path(made, self.times(made)[:1])
+        place, speed = self._seen
+        x = place - (self.step_s or 0.0) * speed
+        kinds = (rec.ends.start, rec.ends.end)
+        poses = [Pose(x[[0, -1][k]], path.q[0, 0, k]) if kinds[k] == "clamped" else None for k in range(2)]
+        held = Path(x[None, None, [0, -1]], path.q[:, :1]).still(DRAWN)
+        seen = State(x[None], x[None].copy(), frames_along(x, *poses)[None])
+        return roll_out(scene_of([made]), seen, held, Clock(DRAWN_S, momentum=0.0))
+
+    def _state(self, made: Setup, rest: Rollout) -> State:
+        if not made.moving:
+            return super()._state(made, rest)
+        return replace(rest.final, before=rest.final.x - (self.step_s or 0.0) * self._seen[1][None])
+
+    def _tangent(self, made: Setup, rest: Rollout, sides: Sequence[Sides], times: Floats) -> Tangent:
+        """No parameter moves what was seen."""
+        return (
+            zero_tangent(rest.scene, len(sides))
+            if made.moving
+            else super()._tangent(made, rest, sides, times)
+        )
+
+    @cached_property
+    def _seen(self) -> tuple[Floats, Floats]:
+        """Where the rope's particles are at the first frame (n, 3) [m], and how fast (n, 3) [m/s]."""
+        recording, points = self.recording, self._first_points
+        t_s, s_m, xyz_m = _in_all_frames(points)
+        motion, length_m = interpolate_motion(recording.motion, t_s), recording.rope.length_m
+        held = {0.0: motion.start_m, length_m: motion.end_m}
+        held = {s: x for s, x in held.items() if np.isfinite(x).all()}
+        inside = [k for k, s in enumerate(s_m) if all(abs(s - end) > ON_CLAMP * length_m for end in held)]
+        if len(inside) + len(held) <= CUBIC:
+            raise SimulationError(
+                f"the ends move at first, when {len(inside)} points of the rope are seen: that is no shape",
+                mend="begin with frames of four points or more, or while the rope is at rest",
+            )
+        xyz_m = np.concatenate([xyz_m[:, inside], *(x[:, None] for x in held.values())], axis=1)
+        at, weights = [*s_m[inside], *held], [1.0] * len(inside) + [HELD] * len(held)
+        since = t_s - t_s.mean()
+        noise_m = recording.noise.sigma_m if recording.noise else recording.position_noise_m or 0.0
+        line = since / (since @ since)
+        nodes_m = np.linspace(0.0, length_m, self.particles)
+
+        def curve(values: Floats, noise: float) -> Floats:
+            """The smoothest that leaves no more than noise (Reinsch, Numerische Mathematik 10, 1967)."""
+            order = np.argsort(at)
+            u, through, w = (np.asarray(part)[order] for part in (at, values, weights))
+            left = values.size * noise**2
+            spline, _ = make_splprep(through.T, w=w if noise else None, u=u, s=left)
+            return np.asarray(spline(nodes_m)).T
+
+        speeds = np.tensordot(line, xyz_m, 1)
+        return curve(xyz_m[0], noise_m), curve(speeds, noise_m * float(np.linalg.norm(line)))
+
+
+def _in_all_frames(points: Points) -> tuple[Floats, Floats, Floats]:
+    """Times (F,) of the frames, arc lengths (M,) of what all of them show, and where it is (F, M, 3)."""
+    frames = [points.frame == frame for frame in np.unique(points.frame)]
+    t_s = np.array([points.t_s[mine][0] for mine in frames])
+    s_m = reduce(np.intersect1d, [points.s_m[mine] for mine in frames])
+    return t_s, s_m, np.array([points.xyz_m[mine & np.isin(points.s_m, s_m)] for mine in frames])
+
+
+def motion_model(
+    recording: Recording,
+    particles: int,
+    step_s: float | None,
+    sweeps: int | None = None,
+    near: Rod | None = None,
+) -> RecordingModel:
+    """The recording as one motion, which begins at rest, or as it was seen where the ends move by then."""
+    kind = BegunModel if sweeps is None and in_motion(recording) else RecordingModel
+    return kind(recording, particles, step_s, sweeps, near)
+
+
+def in_motion(recording: Recording) -> bool:
+    """Whether a held end moves fast in the motion's first two rows, and frames show the rope."""
+    motion = recording.motion
+    if recording.planar or len(motion.t_s) < 2 or len(np.unique(recording.points.frame)) < 2:
+        return False
+    took_s = motion.t_s[1] - motion.t_s[0]
+    speeds = [np.linalg.norm(x[1] - x[0]) / took_s for x in (motion.start_m, motion.end_m)]
+    fast = FAST * np.sqrt(STANDARD_GRAVITY_M_S2 * recording.rope.length_m)
+    return bool(np.nan_to_num(speeds).max() > fast)
+
+
+__all__ = ["BegunModel", "in_motion", "motion_model"]

@@ -1,0 +1,89 @@
+"""Recordings that begin in motion: where their ropes start, how fast, and when that is so."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pipeline.test_deform import ROPE, TRUE, shaken
+
+from dlolib.errors import SimulationError
+from dlolib.sim.begun import BegunModel, in_motion, motion_model
+from dlolib.sim.continuum import simulated
+from dlolib.sim.recording import RecordingModel
+from dlolib.sim.rod import Rod
+from dlolib.types import Ends, Floats, Points, Recording
+
+STEP_S, NOISE_M = 0.0025, 5e-4
+AT_REST, SWINGING = 0, 12
+
+
+def seen(first: int) -> Recording:
+    """A rope between two clamps, one of which goes to and fro, from a frame on."""
+    return replace(shaken(first=first), ends=Ends())
+
+
+def rod(particles: int = 30) -> Rod:
+    return Rod(ROPE, 1.0, 1.0, {}, particles).with_values({**TRUE, "inertia_drag.inertia": 1.0})
+
+
+def noisy(recording: Recording) -> Recording:
+    off = np.random.default_rng(5).normal(0.0, NOISE_M, recording.points.xyz_m.shape)
+    points = replace(recording.points, xyz_m=recording.points.xyz_m + off)
+    return replace(recording, points=points, position_noise_m=NOISE_M)
+
+
+def mean_off(found: Floats, recording: Recording) -> float:
+    return float(np.linalg.norm(found - recording.points.xyz_m, axis=1).mean())
+
+
+def test_a_recording_whose_ends_move_begins_in_motion() -> None:
+    swinging = seen(SWINGING)
+    assert not in_motion(seen(AT_REST)) and in_motion(swinging)
+    assert isinstance(motion_model(swinging, 20, STEP_S), BegunModel)
+    slow = replace(swinging.motion, t_s=100 * swinging.motion.t_s)
+    assert not in_motion(replace(swinging, motion=slow))
+    assert not in_motion(replace(swinging, planar="xz"))
+
+
+def test_it_goes_on_as_it_was_seen_also_where_inertia_is_an_effect() -> None:
+    """A quasi-static rod has no such start; one with inertia starts as a dynamic recording's does."""
+    swinging = replace(seen(SWINGING), quasi_static=True)
+    begun = motion_model(swinging, 30, STEP_S)
+    assert mean_off(begun.predict(rod()).xyz_m, swinging) < 1.2e-3
+    assert mean_off(begun.predict(replace(rod(), effects={})).xyz_m, swinging) > 5e-3
+    from_rest = RecordingModel(swinging, 30, STEP_S).predict(rod()).xyz_m
+    assert mean_off(from_rest, swinging) > 3e-3
+    assert mean_off(simulated(swinging, rod()).points.xyz_m, swinging) < 1.2e-3
+
+
+def test_noise_of_the_markers_hardly_moves_what_is_begun() -> None:
+    swinging = seen(SWINGING)
+    clean, off = (motion_model(one, 30, STEP_S).predict(rod()).xyz_m for one in (swinging, noisy(swinging)))
+    assert 0 < np.linalg.norm(off - clean, axis=1).mean() < 2 * NOISE_M
+
+
+def test_a_swing_between_clamps_of_unknown_roll_is_solved() -> None:
+    """Its energy all but cancels: what it is rounded by goes by its parts."""
+    swinging = shaken(first=SWINGING)
+    assert mean_off(motion_model(swinging, 30, STEP_S).predict(rod()).xyz_m, swinging) < 5e-3
+
+
+def test_held_ends_stand_where_they_are_held() -> None:
+    """Whatever the markers beside them say: a start apart from that would be a blow."""
+    swinging = noisy(seen(SWINGING))
+    model = motion_model(swinging, 30, STEP_S)
+    rest = model.at_rest(rod())
+    first = swinging.motion
+    held = first.end_m[0] - STEP_S * (first.end_m[1] - first.end_m[0]) / (first.t_s[1] - first.t_s[0])
+    assert np.abs(rest.x[0, -1, -1] - held).max() < 2e-5
+    lengths = np.linalg.norm(np.diff(rest.x[0, -1], axis=0), axis=1)
+    assert lengths == pytest.approx(np.full(29, ROPE.length_m / 29), rel=5e-3)
+
+
+def test_too_few_points_are_no_shape_to_begin_with() -> None:
+    swinging = seen(SWINGING)
+    at = np.isclose(swinging.points.s_m, 0.3)
+    points = swinging.points
+    one = Points(points.frame[at], points.t_s[at], points.s_m[at], points.xyz_m[at])
+    with pytest.raises(SimulationError, match="when 1 points of the rope are seen"):
+        motion_model(replace(swinging, points=one), 30, STEP_S).predict(rod())
