@@ -62,6 +62,7 @@ def search(study: Study, settings: DiagnoseSettings, run: Workers) -> Searched:
     """
     elastic = baseline(study)
     models = {one.effects: one for one in _singles(study, elastic, settings, run)}
+    tried: set[Effects] = set()
     # one pose cannot tell two effects apart
     together = models and sum(poses(one.model) for one in study.seen) >= FEWEST_POSES
     for size in range(2, settings.most_effects + 1 if together else 0):
@@ -70,8 +71,12 @@ def search(study: Study, settings: DiagnoseSettings, run: Workers) -> Searched:
             break
         if size > 2 and (len(best.effects) < size - 1 or _done(study, best, elastic)):
             break
-        _grown(study, models, elastic, size, settings, run)
+        _grown(study, models, elastic, size, settings, run, tried)
     _pruned(study, models, run)
+    # in their best forms other pairs may tie, and lead further
+    if _beside(study, models, _parts(study, models, 2, settings.tie), tried, settings, run):
+        backed(study, models, 2, run)
+        _pruned(study, models, run)
     return Searched(elastic, _settled(study, list(models.values()), elastic, run))
 
 
@@ -165,8 +170,9 @@ def _best(study: Study, models: Models) -> Fitted:
 
 
 def _grown(
-    study: Study, models: Models, elastic: Fitted, size: int, settings: DiagnoseSettings, run: Workers
-) -> None:
+    study: Study, models: Models, elastic: Fitted, size: int, settings: DiagnoseSettings, run: Workers,
+    tried: set[Effects],
+) -> None:  # fmt: skip
     """Forward and backward: one more effect beside those of the best model, then beside all but one of those
     of the best ones so found, until nothing changes.
 
@@ -180,21 +186,34 @@ def _grown(
     first = ranked[:beginnings]
     if all(study.rigid(one.point) for one in first):
         first += [one for one in ranked if not study.rigid(one.point)][:1]
-    tried: set[Effects] = set()
     for begin in first:
         todo = [begin.effects]
         for _ in range(rounds):
-            todo = [one for one in todo if one in models and one not in tried]
-            for one in todo:
-                tried.add(one)
-                for more in _partners(study, models[one], settings, run):
-                    key = tuple(sorted(more.effects))
-                    if key not in models or more.bic(study.frames) < models[key].bic(study.frames):
-                        models[key] = replace(more, effects=key)
+            _beside(study, models, todo, tried, settings, run)
             todo = _parts(study, models, size, settings.tie)
         if _done(study, _best(study, models), elastic):
             break
     backed(study, models, size, run)
+
+
+def _beside(
+    study: Study, models: Models, begin: Sequence[Effects], tried: set[Effects], settings: DiagnoseSettings,
+    run: Workers,
+) -> bool:  # fmt: skip
+    """One more effect beside each of these models where none was sought yet; whether there was one."""
+    todo = [one for one in dict.fromkeys(begin) if one in models and one not in tried]
+    for one in todo:
+        tried.add(one)
+        for more in _partners(study, models[one], settings, run):
+            _keep(study, models, more)
+    return bool(todo)
+
+
+def _keep(study: Study, models: Models, one: Fitted) -> None:
+    """The better of two fits with the same effects."""
+    key = tuple(sorted(one.effects))
+    if key not in models or one.bic(study.frames) < models[key].bic(study.frames):
+        models[key] = replace(one, effects=key)
 
 
 def backed(study: Study, models: Models, size: int, run: Workers) -> None:
@@ -205,11 +224,8 @@ def backed(study: Study, models: Models, size: int, run: Workers) -> None:
     near = [one for one in near if one.bic(study.frames) < best + NEAR_PRUNED]
     tasks = [task_without(one, left) for one in near for left in one.effects]
     for one in run(refit, tasks, "parts"):
-        if one is None:
-            continue
-        key = tuple(sorted(one.effects))
-        if key not in models or one.bic(study.frames) < models[key].bic(study.frames):
-            models[key] = replace(one, effects=key)
+        if one is not None:
+            _keep(study, models, one)
 
 
 def _done(study: Study, best: Fitted, elastic: Fitted) -> bool:
@@ -276,9 +292,8 @@ def _pruned(study: Study, models: Models, run: Workers) -> None:
             if fewer != terms:
                 tasks.append(Task(fewer, (one.point,), one.offsets_m, 1))
     for one in run(refit, tasks, "forms"):
-        key = () if one is None else tuple(sorted(one.effects))
-        if one is not None and one.bic(study.frames) < models[key].bic(study.frames):
-            models[key] = replace(one, effects=key)
+        if one is not None:
+            _keep(study, models, one)
 
 
 def _more(task: Task, have: Terms) -> int:

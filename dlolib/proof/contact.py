@@ -75,6 +75,11 @@ class Contact:
         """The forces on the chain with these vertices (N + 1, 3) [m]."""
         return self._touch(vertices)[0]
 
+    def depth(self, vertices: Floats) -> float:
+        """How far the rope is pulled into the obstacle where it is deepest [m]; negative away from it."""
+        away = (self._points(vertices) - self.center) @ self.across
+        return float(self.reach - np.linalg.norm(away, axis=1).min())
+
     def keep(self, vertices: Floats) -> None:
         """Make this step history."""
         touch, held = self._touch(vertices)

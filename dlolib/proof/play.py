@@ -32,10 +32,14 @@ STRIDE, FINE_STRIDES = 4, {"inertia_drag": 1, "contact_friction": 2}
 # A step takes 3 to 5 weighings of the balance; a rope that takes many more is no quasi-static one.
 PATIENCE = 12
 VIEWING_AXIS = np.array([0.0, 1.0, 0.0])
+# A rope pulled deeper than this into a bar is held longer than it is: some 15 times its weight pulls at it.
+DEEPEST_M = 1e-4
 # Chains further apart than this went different ways.
 OTHERWISE_M = 2e-3
 # Of these chains the first that is fine enough is taken: what it lacks of a rope leaves less than this in χ².
-CHAINS = (2 * (POINTS - 1), BODIES, 2 * BODIES, 4 * BODIES)
+# Each is twice the last one: two with a body between them would be extrapolated from the same pair where
+# the coarser one's neighbour took another way, and would agree for no other reason.
+CHAINS = tuple(factor * (POINTS - 1) for factor in (2, 4, 8, 16))
 LEFT = 2.0
 
 
@@ -53,7 +57,7 @@ def play(experiment: Experiment, effects: Effects = NOTHING, bodies: int = BODIE
         finer: how many times as many steps along the motion.
 
     Raises:
-        SimulationError: the rope finds no balance, as where it is pulled longer than it is.
+        SimulationError: the rope finds no balance, as where it is pulled longer than it is, or round a bar.
     """
     points = _played(experiment, effects, bodies, finer)
     found, alone = points.copy(), np.full(len(points), bodies > POINTS - 1)
@@ -72,7 +76,7 @@ def settled(experiment: Experiment, effects: Effects, noise_m: float) -> tuple[F
 
     What moves most ropes by a hundredth of a millimetre moves one that all but twists over by two. So each
     recording is played by finer chains until what the last one lacks could not be taken for physics: its
-    change, as if that fell with the square of the bodies' length. Extrapolated, it falls faster.
+    change, as if that fell with the square of the bodies' length. Extrapolated, most fall faster.
 
     Raises:
         SimulationError: as `play`; or it does not settle, so that nobody knows what such a rope would do.
@@ -140,6 +144,10 @@ def _run(experiment: Experiment, effects: Effects, bodies: int, times: Floats) -
             rope.lengthen(free_length(experiment, effects, float(t_s)))
         drift = dynamics.drift(step_s) if dynamics and index else None
         _reach(rope, motion.end_m[index], turns[index], step_s, drift, first=index == 0)
+        if max((contact.depth(rope.chain.vertices) for contact in rope.contacts), default=0.0) > DEEPEST_M:
+            raise SimulationError(
+                "held longer than it is, round an obstacle, it would tear", mend="draw another motion"
+            )
         rope.keep(step_s)
         found[index] = rope.chain.vertices
         bent[index] = rope.curvature(rope.q)[:, :2]

@@ -85,5 +85,31 @@ def test_of_two_forms_of_a_pair_the_one_of_less_bic_is_kept(monkeypatch: pytest.
     monkeypatch.setattr(search, "backed", lambda *_: None)
     monkeypatch.setattr(search, "_done", lambda *_: False)
     study = cast(Study, SimpleNamespace(frames=70, rigid=lambda point: False))
-    search._grown(study, models, fitted(9000.0), 2, DiagnoseSettings(), cast(Workers, None))
+    search._grown(study, models, fitted(9000.0), 2, DiagnoseSettings(), cast(Workers, None), set())
     assert models[key].chi2 == small.chi2
+
+
+def test_a_pair_that_ties_in_its_best_form_leads_further(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a soft place near the clamp passed for is found beside the clamp's compliance alone, and that only
+    once its pair with a lump needs no gradient any more."""
+    soft, lump, clamp = (f"{name}_profile" for name in ("stiffness", "mass", "clamp"))
+    singles = [fitted(7950.0, (soft,)), fitted(7955.0, (lump,)), fitted(7952.0, (clamp,))]
+    beside = {
+        soft: [fitted(7930.0, (lump, soft))],
+        lump: [fitted(7930.0, (lump, soft)), fitted(7940.0, (lump, clamp), ("a", "b"))],
+        clamp: [fitted(7900.0, (clamp, soft))],
+    }
+
+    def pruned(study: Study, models: search.Models, run: Workers) -> None:
+        models[clamp, lump] = fitted(7934.0, (clamp, lump))
+
+    monkeypatch.setattr(search, "baseline", lambda study: fitted(9000.0))
+    monkeypatch.setattr(search, "_singles", lambda *_: singles)
+    monkeypatch.setattr(search, "_partners", lambda study, fewer, *_: beside[fewer.effects[0]])
+    monkeypatch.setattr(search, "_pruned", pruned)
+    monkeypatch.setattr(search, "_settled", lambda study, models, *_: search._ordered(study, models))
+    for name, found in (("backed", None), ("amiss", True), ("explains", True), ("poses", 100)):
+        monkeypatch.setattr(search, name, lambda *_, found=found: found)
+    study = cast(Study, SimpleNamespace(frames=70, seen=[SimpleNamespace(model=None)], rigid=lambda _: False))
+    best = search.search(study, DiagnoseSettings(), cast(Workers, None)).models[0]
+    assert best.effects == (clamp, soft)
