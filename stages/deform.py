@@ -21,7 +21,6 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.spatial.transform import Rotation
 
 from dlolib.errors import ParameterError, SimulationError
 from dlolib.files import write_json
@@ -33,8 +32,8 @@ from dlolib.sim.begun import BegunModel
 from dlolib.sim.continuum import refined
 from dlolib.sim.recording import FIRST, RecordingModel, dynamic_step
 from dlolib.sim.rod import Rod, unit_of
-from dlolib.sim.start import frames_along
-from dlolib.types import Floats, Points, Pose, Recording
+from dlolib.sim.upright import ROLL, ROLLS, upright
+from dlolib.types import Floats, Points, Recording
 from stages import REPORTS, known, run
 from stages.identify import settings
 from stages.proof import made_by
@@ -49,13 +48,12 @@ EVERY, OUTLIER_M = 4, 0.01
 ITERATIONS, TOLERANCE = 12, 1e-4
 # What a point of a rod counts as that cannot be simulated [m].
 UNSOLVED_M = 0.5
-# EI over linear density where fits begin [m^4/s^2], and rolls of one clamp against the other [rad].
-STIFFNESSES_M4_S2, ROLLS = (3e-3, 3e-2, 3e-1), (0.0, 1.6, 3.1, -1.6)
+# EI over linear density where fits begin [m^4/s^2].
+STIFFNESSES_M4_S2 = (3e-3, 3e-2, 3e-1)
 # Errors over time are told in pieces of so many frames.
 PIECE = 50
 
 ELASTIC = ("bending_stiffness", "torsional_stiffness", "inertia_drag.drag")
-ROLL = "end_twist.end"
 CURVED = (
     ROLL,
     *(f"rest_curvature.kappa_{axis}" for axis in (1, 2)),
@@ -222,8 +220,8 @@ def _solved(problem: Problem, start: Values) -> tuple[float, Values] | None:
 
 def model_of(recording: Recording, kind: Kind, rest: bool = False) -> RecordingModel:
     """The recording ready to be simulated: both ends' rolls held, begun as seen or at rest."""
-    ends = replace(recording.ends, start_roll_known=True, end_roll_known=True)
-    held = replace(upright(recording) if kind.upright else recording, ends=ends)
+    as_recorded = replace(recording, ends=replace(recording.ends, start_roll_known=True, end_roll_known=True))
+    held = upright(recording) if kind.upright else as_recorded
     mesh = settings()
     made = RecordingModel if rest else BegunModel
     return made(held, mesh.particles, dynamic_step(held.motion, mesh.time_step_s))
@@ -238,37 +236,6 @@ def simulated(recording: Recording, kind: Kind, values: Values, rest: bool = Fal
     model = refined(model_of(recording, kind, rest), finer) if finer > 1 else model_of(recording, kind, rest)
     assert isinstance(model, RecordingModel)
     return model.predict(_rod(model, values)).xyz_m
-
-
-def upright(recording: Recording) -> Recording:
-    """The recording with each clamp rolled as if an arm had turned it at the first pose the shortest way from
-    straight up or straight down, whichever is nearer.
-
-    Rolls were not recorded: those in the file stand for the shortest turn from straight up, which says
-    nothing where a clamp points down. Arms that grip alike each time have the same roll in this sense.
-    """
-    motion = recording.motion
-    turned = {
-        name: about_axis(q, _roll(q[0])) for name, q in (("start_q", motion.start_q), ("end_q", motion.end_q))
-    }
-    return replace(recording, motion=replace(motion, **turned))
-
-
-def _roll(quaternion: Floats) -> float:
-    """How far to roll a clamp of this frame (4,) for it to be upright [rad]."""
-    own = Rotation.from_quat(quaternion, scalar_first=True)
-    tangent = own.as_matrix()[:, 2]
-    vertical = Rotation.identity() if tangent[2] >= 0 else Rotation.from_rotvec([np.pi, 0.0, 0.0])
-    pose = Pose(np.zeros(3), vertical.as_quat(scalar_first=True))
-    there = frames_along(np.stack([np.zeros(3), tangent]), pose, None)[1]
-    return float((own.inv() * Rotation.from_quat(there, scalar_first=True)).as_rotvec()[2])
-
-
-def about_axis(quaternions: Floats, angle: float) -> Floats:
-    """Frames (T, 4) turned about their own third axis by an angle [rad], no sign flipped."""
-    c, s = np.cos(angle / 2), np.sin(angle / 2)
-    w, x, y, z = quaternions.T
-    return np.stack([c * w - s * z, c * x + s * y, c * y - s * x, c * z + s * w], axis=1)
 
 
 def until(recording: Recording, frames: int) -> Recording:

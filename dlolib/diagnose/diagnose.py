@@ -24,6 +24,7 @@ from dlolib.errors import ParameterError
 from dlolib.formats import interpolate_motion
 from dlolib.identify.identify import FIRST_STIFFNESS_M4_S2
 from dlolib.identify.problem import axes, check_one_object, seen_axes
+from dlolib.sim.upright import ROLL, unrolled
 from dlolib.types import Floats, Noise, Recording, Verdict
 
 FEWEST_POINTS, FEWEST_FRAMES = 12, 2
@@ -151,7 +152,8 @@ def raw_study(recordings: Sequence[Recording], settings: DiagnoseSettings) -> St
     most = settings.most_frames
     ahead = {k: seen(one, _thinned(one, ~mine, most)) for k, (one, mine) in enumerate(both) if not mine.all()}
     fitted = tuple(seen(one, _thinned(one, mine, most)) for one, mine in both)
-    return Study(fitted, between(recordings), before(recordings), ahead=ahead)
+    rolls = (ROLL,) if any(map(unrolled, recordings)) else ()
+    return Study(fitted, between(recordings), before(recordings), rolls=rolls, ahead=ahead)
 
 
 def _told_by(study: Study, model: Fitted, known: Known) -> Told:

@@ -162,8 +162,9 @@ def values_of(point: Point, k: int) -> dict[str, float]:
 
 
 def hypothesis(study: Study, terms: Mapping[str, Sequence[str]], offsets_m: Sequence[Floats]) -> Hypothesis:
-    """The model with these effects, each with some of its parameters, over both stiffnesses."""
-    names = [*study.stiffnesses, *(f"{effect}.{part}" for effect, parts in terms.items() for part in parts)]
+    """The model with these effects, each with some of its parameters, over both stiffnesses and the roll."""
+    names = [*study.stiffnesses, *study.rolls]
+    names += [f"{effect}.{part}" for effect, parts in terms.items() for part in parts]
     own = (*study.nuisances, *(study.histories if remembers(terms) else ()))
     return Hypothesis(study, tuple(terms), (*map(Unknown, names), *own), tuple(offsets_m))
 

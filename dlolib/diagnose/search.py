@@ -33,6 +33,7 @@ from dlolib.identify.parameters import Unknown
 from dlolib.sim.effects import EFFECTS
 from dlolib.sim.effects.base import forms
 from dlolib.sim.rod import STIFFNESSES
+from dlolib.sim.upright import ROLLS
 
 Effects = tuple[str, ...]
 Models = dict[Effects, Fitted]
@@ -133,7 +134,12 @@ def baseline(study: Study) -> Fitted:
     """The rod with nothing missing: EI and GJ, with the mesh's error at their own optimum."""
     density = study.rod(0, dict.fromkeys(STIFFNESSES, 1.0)).linear_density
     offsets = tuple(np.zeros_like(one.recording.points.xyz_m) for one in study.seen)
-    starts = tuple({Unknown(n): ratio * density for n in STIFFNESSES} for ratio in FIRST_STIFFNESS_M4_S2)
+    rolls = [{Unknown(name): roll} for name in study.rolls for roll in ROLLS] or [{}]
+    starts = tuple(
+        {**{Unknown(n): ratio * density for n in STIFFNESSES}, **roll}
+        for ratio in FIRST_STIFFNESS_M4_S2
+        for roll in rolls
+    )
     found = fit_first(study, Task({}, starts, offsets, len(starts)))
     if found is None:
         mend = "check the recording's units and ends"
@@ -237,6 +243,8 @@ def _parts(study: Study, models: Models, size: int, tie: float) -> list[Effects]
     """All but one of the effects of the best model, if it has as many, and of those that tie with it and are
     better than any part of them."""
     ranked, frames = _ordered(study, models.values()), study.frames
+    if not ranked:
+        return []
     best = ranked[0]
     found: list[Effects] = []
     for one in ranked if len(best.effects) == size else ():

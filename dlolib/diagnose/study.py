@@ -23,6 +23,7 @@ from dlolib.sim.moments import moments
 from dlolib.sim.poses import Model, model_of, near
 from dlolib.sim.recording import RecordingModel, dynamic_step, first_points
 from dlolib.sim.rod import STIFFNESSES, Rod
+from dlolib.sim.upright import ROLL, ROLLS
 from dlolib.types import Floats, Recording
 
 # A dynamic roll-out of a quasi-static recording takes no more steps than this.
@@ -105,14 +106,16 @@ class Study:
 
     nuisances: what each recording has for itself, with the deviation expected of it (its prior). histories:
     likewise, in models with a law that remembers. stiffnesses: those that act; where the rope is not twisted
-    GJ does not, and equals EI. ahead: the held-out frames of those recordings, by number, that have some.
-    numbers: of the recordings, where not all are here. most_bent_1_m: the elastic rope's largest curvature.
+    GJ does not, and equals EI. rolls: how one end is rolled against the other, where no recording says that.
+    ahead: the held-out frames of those recordings, by number, that have some. numbers: of the recordings,
+    where not all are here. most_bent_1_m: the elastic rope's largest curvature.
     """
 
     seen: tuple[Seen, ...]
     nuisances: Mapping[Unknown, float] = field(default_factory=dict)
     histories: Mapping[Unknown, float] = field(default_factory=dict)
     stiffnesses: tuple[str, ...] = tuple(STIFFNESSES)
+    rolls: tuple[str, ...] = ()
     ahead: Mapping[int, Seen] = field(default_factory=dict)
     numbers: tuple[int, ...] | None = None
     most_bent_1_m: float = 10.0
@@ -205,7 +208,12 @@ class Study:
         stiff = self.rigid(point) or stiffens(effect)
         eis = [share * self._weight for share in BENT_BY_WEIGHT if stiff]
         eis = [ei for ei in eis if ei < point[Unknown("bending_stiffness")]]
-        return [self._usual(point), *({Unknown(name): ei for name in self.stiffnesses} for ei in eis)]
+        found = [self._usual(point), *({Unknown(name): ei for name in self.stiffnesses} for ei in eis)]
+        if not self.rolls or not has_sides(effect):
+            return found
+        roll = Unknown(ROLL)
+        turned = [float(np.angle(np.exp(1j * (point[roll] + turn)))) for turn in ROLLS]
+        return [{**one, roll: angle} for one in found for angle in turned]
 
     def _usual(self, point: Point) -> dict[Unknown, float]:
         """The GJ to begin with where a point's ran off."""
@@ -252,7 +260,7 @@ def seen_as(recording: Recording, used: Bools, whitener: Whitener, settings: Dia
     model = model_of(recording, n, step_s)
     if isinstance(model, RecordingModel):
         model = replace(model, first=first_points(recording))
-    return Seen(replace(model, recording=replace(recording, points=some)), whitener)
+    return Seen(replace(model, recording=replace(model.recording, points=some)), whitener)
 
 
 def acting_only(study: Study, ratios_m4_s2: Sequence[float]) -> Study:
@@ -274,7 +282,7 @@ def acting_only(study: Study, ratios_m4_s2: Sequence[float]) -> Study:
 
     ei = min((ratio * density for ratio in ratios_m4_s2), key=off)
     # where none can be simulated, the first of them says why here
-    twisted = False
+    twisted = bool(study.rolls)
     acting: dict[Unknown, float] = {}
     for k, one in enumerate(study.seen):
         own = {u.name: prior for u, prior in study.nuisances.items() if u.recording == k}
@@ -320,6 +328,11 @@ def stiffens(effect: str) -> bool:
     return getattr(EFFECTS[effect], "STIFFENS", False)
 
 
+def has_sides(effect: str) -> bool:
+    """Whether a rope with it is not alike all round: how it is rolled matters then."""
+    return getattr(EFFECTS[effect], "SIDED", False)
+
+
 def library(
     study: Study, without: Sequence[str], beside: Sequence[str] = ()
 ) -> list[tuple[str, tuple[str, ...]]]:
@@ -333,6 +346,8 @@ def library(
     found = []
     for name, effect in EFFECTS.items():
         if name in (*without, *beside) or (name == "contact_friction" and not contact):
+            continue
+        if name == "end_twist" and study.rolls:
             continue
         if name == "prior_history" and not (unknown and remembers(beside)):
             continue

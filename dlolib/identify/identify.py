@@ -19,6 +19,7 @@ from dlolib.sim.continuum import MOST_CORRECTIONS, mesh_error, refined, stands
 from dlolib.sim.poses import model_of, near
 from dlolib.sim.recording import dynamic_step
 from dlolib.sim.rod import Rod, unit_of
+from dlolib.sim.upright import ROLL, ROLLS
 from dlolib.types import Estimate, Fit, Floats, Recording
 
 # EI over linear density where the search begins [m^4/s^2]: a decade either side is tried as well.
@@ -154,7 +155,12 @@ def _begin(
     problem = Problem(tuple(models), tuple(rods), tuple(used), offsets, candidates(recordings))
     if given is not None:
         return problem, _coordinates(problem, given[0].bending_stiffness)
-    starts = [_coordinates(problem, ratio * rods[0].linear_density) for ratio in FIRST_STIFFNESS_M4_S2]
+    rolls = ROLLS if Unknown(ROLL) in problem.unknowns else (0.0,)
+    starts = [
+        _coordinates(problem, ratio * rods[0].linear_density, roll)
+        for ratio in FIRST_STIFFNESS_M4_S2
+        for roll in rolls
+    ]
     return problem, min(starts, key=lambda start: _cost(problem, start))
 
 
@@ -166,12 +172,17 @@ def _cost(problem: Problem, start: Floats) -> float:
         return float("inf")
 
 
-def _coordinates(problem: Problem, stiffness: float) -> Floats:
-    """Where EI and GJ are this [N m²] and all else is as in the rods."""
-    rods, unknowns = problem.rods, problem.unknowns
-    return np.array(
-        [u.inward(stiffness if u.stiffness else rods[u.recording or 0].value(u.name)) for u in unknowns]
-    )
+def _coordinates(problem: Problem, stiffness: float, roll: float = 0.0) -> Floats:
+    """Where EI and GJ are this [N m²], one end is rolled by so much more [rad], and all else is as in the
+    rods."""
+
+    def value(unknown: Unknown) -> float:
+        if unknown.stiffness:
+            return stiffness
+        known = problem.rods[unknown.recording or 0].value(unknown.name)
+        return known + roll if unknown.name == ROLL else known
+
+    return np.array([u.inward(value(u)) for u in problem.unknowns])
 
 
 def _best_start(problem: Problem, theta: Floats, settings: IdentifySettings, history: list[Floats]) -> Floats:

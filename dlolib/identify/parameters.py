@@ -9,6 +9,7 @@ import numpy as np
 
 from dlolib.sim.effects import EFFECTS, parameter
 from dlolib.sim.effects.base import sizes
+from dlolib.sim.upright import ROLL, unrolled
 from dlolib.types import Floats, Recording
 
 STIFFNESSES = ("bending_stiffness", "torsional_stiffness")
@@ -68,14 +69,16 @@ class Unknown:
 
 
 def candidates(recordings: Sequence[Recording]) -> tuple[Unknown, ...]:
-    """EI and GJ of the object, rest curvature where an end is free, and the angles of each one's clamps.
+    """EI and GJ of the object, rest curvature where an end is free, and the angles of each one's clamps; and
+    how one end is rolled against the other, where that was not recorded.
 
     Where only a picture's plane was seen, the vertical in it is each recording's own, too.
     Uniform rest curvature cannot be told between two clamps (the integral of curvature is fixed), so it is
     a candidate only where an end is free.
     """
     free = any("free" in (r.ends.start, r.ends.end) for r in recordings)
-    shared = [Unknown(name) for name in (*STIFFNESSES, *(REST_CURVATURES if free else ()))]
+    rolls = (ROLL,) if any(map(unrolled, recordings)) else ()
+    shared = [Unknown(name) for name in (*STIFFNESSES, *rolls, *(REST_CURVATURES if free else ()))]
     own = [
         Unknown(name, k)
         for k, recording in enumerate(recordings)

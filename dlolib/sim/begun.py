@@ -22,6 +22,7 @@ from dlolib.sim.recording import RecordingModel, Sides
 from dlolib.sim.rod import Rod, scene_of
 from dlolib.sim.simulate import Clock, Path, Rollout, State, roll_out
 from dlolib.sim.start import frames_along
+from dlolib.sim.upright import upright
 from dlolib.types import Floats, Points, Pose, Recording
 
 STANDARD_GRAVITY_M_S2 = 9.81
@@ -124,7 +125,7 @@ def motion_model(
 ) -> RecordingModel:
     """The recording as one motion, which begins at rest, or as it was seen where the ends move by then."""
     kind = BegunModel if sweeps is None and in_motion(recording) else RecordingModel
-    return kind(recording, particles, step_s, sweeps, near)
+    return kind(upright(recording), particles, step_s, sweeps, near)
 
 
 def in_motion(recording: Recording) -> bool:

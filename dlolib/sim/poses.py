@@ -36,6 +36,7 @@ from dlolib.sim.recording import (
 from dlolib.sim.rod import Rod, scene_of, setup
 from dlolib.sim.simulate import Path, Rollout, State
 from dlolib.sim.start import curve_through, frames_along, settle
+from dlolib.sim.upright import upright
 from dlolib.types import Floats, Ints, Motion, Pose, Recording
 
 # Share of the time between two poses in which the ends go from one to the other.
@@ -160,7 +161,7 @@ Model = RecordingModel | PosesModel
 def model_of(recording: Recording, particles: int, step_s: float | None, sweeps: int | None = None) -> Model:
     """The recording ready to be fitted: as one motion, or pose by pose where the ways between are unknown."""
     if recording.quasi_static and sweeps is None and _poses(recording):
-        return PosesModel(recording, particles)
+        return PosesModel(upright(recording), particles)
     return motion_model(recording, particles, step_s, sweeps)
 
 

@@ -139,7 +139,7 @@ def setup(
         rope=rod.rope, ends=ends, gravity_m_s2=gravity, arc_m=arc,
         joints=joints, segments=segments, particles=particles, contacts=contacts,
         obstacles=shapes.pack(obstacles) if obstacles else np.zeros((0, shapes.WIDTH)),
-        grips=_grips(joints, ends, clamped), weight=weight, moving=moving,
+        grips=np.zeros((2, 3)), weight=weight, moving=moving,
     )  # fmt: skip
     return applied(made, rod.effects)
 
@@ -162,22 +162,6 @@ def _joints(rod: Rod, clamped: np.ndarray) -> Floats:
     joints[[0, -1], LENGTH] /= 2
     joints[:, UNIFORM] = rod.bending_stiffness
     return joints
-
-
-# A clamp whose roll was not measured holds the rope's direction alone: it is so many times stiffer in bending
-# than the half segment beside it, and has this share of its stiffness in twist, so that something holds it.
-DIRECTION_HELD, FREE_ROLL = 1e3, 1e-6
-
-
-def _grips(joints: Floats, ends: Ends, clamped: np.ndarray) -> Floats:
-    """Clamps that turn with the rope about its axis. As a joint that carries no twist they would bend the
-    rope: a rotation vector's bending parts depend on how far it is twisted."""
-    grips = np.zeros((2, 3))
-    for end, known in enumerate((ends.start_roll_known, ends.end_roll_known)):
-        if clamped[end] and not known:
-            bend, twist = joints[-end, [STIFFNESS, REST - 1]] / joints[-end, LENGTH]
-            grips[end] = (DIRECTION_HELD * bend, DIRECTION_HELD * bend, FREE_ROLL * twist)
-    return grips
 
 
 def _penalties(rod: Rod, gravity: Floats) -> tuple[float, float]:

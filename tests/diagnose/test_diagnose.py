@@ -28,7 +28,7 @@ QUICK = DiagnoseSettings(
 )
 
 
-def made(effects: Mapping[str, float], seed: int = 1) -> Recording:
+def made(effects: Mapping[str, float], seed: int = 1, ends: Ends | None = None) -> Recording:
     """The paper's rope on an arc out and back, with effects and noise; the last quarter held out."""
     t = np.linspace(0, 20, 201)
     share = np.clip((t - 2) / 18, 0, 1)
@@ -39,7 +39,7 @@ def made(effects: Mapping[str, float], seed: int = 1) -> Recording:
     at = np.concatenate([np.linspace(0.5, 1.8, STILL), np.linspace(2.2, 19.8, FRAMES - STILL)])
     frame = np.repeat(np.arange(FRAMES), SEEN)
     points = Points(frame, at[frame], np.tile(np.linspace(0, 0.445, SEEN), FRAMES), np.zeros((len(frame), 3)))
-    base = Recording("planted", ROPE, GRAVITY, Ends(), motion, points, static_frames=(0, STILL - 1))
+    base = Recording("planted", ROPE, GRAVITY, ends or Ends(), motion, points, static_frames=(0, STILL - 1))
     clean = simulated(base, Rod(ROPE, EI, GJ, effects, particles=121))
     noise = np.random.default_rng(seed).normal(0, SIGMA, clean.points.xyz_m.shape)
     seen = replace(clean.points, xyz_m=clean.points.xyz_m + noise)
@@ -67,6 +67,19 @@ def test_nothing_missing_is_said_so() -> None:
     assert abs(np.log(ei.value / EI)) < 1.5 * np.log(ei.high / ei.low) / 2
     assert verdict.noise.sigma_m == pytest.approx(SIGMA, rel=0.1)
     assert found("nothing").reversal.p_value is None or found("nothing").reversal.p_value > 0.001
+
+
+def test_a_roll_that_nobody_recorded_is_no_physics() -> None:
+    """It belongs to the elastic rod, and no effect is named for it."""
+    unknown = Ends(start_roll_known=False, end_roll_known=False)
+    twist = {"end_twist.end": -1.3}
+    verdict = diagnose([made(twist, ends=unknown)], QUICK).verdict
+    assert verdict.status == "no_mismatch"
+    assert verdict.baseline.parameters["end_twist.end"].value == pytest.approx(-1.3, abs=0.1)
+    assert verdict.baseline.parameters["bending_stiffness"].value == pytest.approx(EI, rel=0.05)
+    plastic = diagnose([made({**PLANTED["plastic"], **twist}, ends=unknown)], QUICK).verdict
+    assert [one.name for one in plastic.effects] == ["plastic_bending"]
+    assert plastic.augmented.parameters["end_twist.end"].value == pytest.approx(-1.3, abs=0.1)
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ from dlolib.identify.identify import FIRST_STIFFNESS_M4_S2
 from dlolib.identify.parameters import Unknown
 from dlolib.sim.effects import rest_curvature
 from dlolib.sim.recording import RecordingModel
+from dlolib.sim.upright import ROLL, ROLLS
 
 
 @pytest.fixture(scope="module")
@@ -172,3 +173,18 @@ def test_one_pose_cannot_tell_an_uneven_set(study, monkeypatch):
     assert uneven in library(study, ())
     monkeypatch.setattr(study_module, "poses", lambda model: 1)
     assert uneven not in library(study, ()) and ("rest_curvature", ("kappa_1",)) in library(study, ())
+
+
+def test_how_one_end_is_rolled_joins_every_model_where_nobody_recorded_it(study):
+    rolled = replace(study, rolls=(ROLL,))
+    assert ROLL in [u.name for u in fitting.hypothesis(rolled, {}, study_offsets(study)).unknowns]
+    assert "end_twist" in dict(library(study, ())) and "end_twist" not in dict(library(rolled, ()))
+    point = {Unknown("bending_stiffness"): EI, Unknown("torsional_stiffness"): EI, Unknown(ROLL): 3.0}
+    assert rolled.beginnings(point, "mass_profile") == [{}]
+    sided = [one[Unknown(ROLL)] for one in rolled.beginnings(point, "rest_curvature")]
+    assert sided[0] == pytest.approx(3.0) and len(sided) == len(ROLLS)
+    assert np.abs(sided).max() <= np.pi
+
+
+def study_offsets(study):
+    return [np.zeros_like(one.recording.points.xyz_m) for one in study.seen]

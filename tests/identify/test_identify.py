@@ -17,6 +17,7 @@ from dlolib.sim.continuum import simulated
 from dlolib.sim.iterative import alpha_b_from_stiffness, stiffness_from_alpha_b
 from dlolib.sim.recording import Prediction, RecordingModel
 from dlolib.sim.rod import Rod
+from dlolib.sim.upright import about_axis
 
 WIRES = Path("data/wires")
 CABLES = Path("../shared/data/real")
@@ -114,3 +115,15 @@ def test_what_a_verdict_has_for_each_recording_holds_while_stiffness_is_fitted()
     assert found.parameters["bending_stiffness"].value == pytest.approx(EI, rel=0.01)
     assert found.nuisances["other"]["end_angle.end_1"].value == pytest.approx(0.2, abs=0.01)
     assert found.rmse_m < 2e-4
+
+
+def test_how_one_end_is_rolled_is_fitted_where_nobody_recorded_it() -> None:
+    """Far from where the fit begins; the roll of the file stands for nothing."""
+    made = recording()
+    unknown = replace(made, ends=replace(made.ends, end_roll_known=False))
+    truth = Rod(ROPE, EI, 0.7 * EI).with_values({"end_twist.end": 2.2})
+    turned = replace(made.motion, end_q=about_axis(made.motion.end_q, 1.0))
+    found = identify([replace(simulated(unknown, truth, finer=4), motion=turned)], QUICK).fit.parameters
+    assert found["end_twist.end"].value == pytest.approx(2.2, abs=0.02)
+    assert found["bending_stiffness"].value == pytest.approx(EI, rel=0.01)
+    assert found["torsional_stiffness"].value == pytest.approx(0.7 * EI, rel=0.02)

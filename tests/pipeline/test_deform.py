@@ -12,7 +12,7 @@ from dlolib.sim.recording import RecordingModel
 from dlolib.sim.rod import Rod
 from dlolib.types import Ends, Motion, Points, Recording, Rope
 from stages import deform
-from stages.deform import KINDS, about_axis, fit, free, read, scores, simulated, until, upright
+from stages.deform import KINDS, fit, free, read, scores, simulated, until
 
 TRUE = {"bending_stiffness": 0.03, "torsional_stiffness": 0.03, "inertia_drag.drag": 0.8}
 ROPE = Rope("made up", 0.6)
@@ -71,22 +71,6 @@ def test_a_material_is_found_again(monkeypatch: pytest.MonkeyPatch) -> None:
     found = fit([shaken()], KINDS["elastic"], [start], deform.HORIZONS)
     assert found["bending_stiffness"] == pytest.approx(TRUE["bending_stiffness"], rel=0.05)
     assert found["inertia_drag.drag"] == pytest.approx(TRUE["inertia_drag.drag"], rel=0.1)
-
-
-def test_an_upright_clamp_forgets_the_roll_of_the_file_and_keeps_its_direction() -> None:
-    recording = shaken(3)
-    motion = recording.motion
-    tilted = np.tile([0.0, 0.96, 0.28, 0.0], (3, 1))  # points down
-    rolled = [
-        replace(recording, motion=replace(motion, start_q=about_axis(tilted, a), end_q=about_axis(tilted, b)))
-        for a, b in ((0.0, 0.0), (2.0, -1.0))
-    ]
-    one, other = (upright(each).motion for each in rolled)
-    same = np.abs(np.sum(one.start_q * other.start_q, axis=1))
-    assert same == pytest.approx(1.0) and np.abs(np.sum(one.end_q * one.start_q, axis=1)) == pytest.approx(1)
-    assert not np.allclose(rolled[1].motion.start_q, other.start_q)
-    w, x, y, z = one.start_q[0]
-    assert [2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)] == pytest.approx([0, 0, -1])
 
 
 def test_a_fit_sees_the_first_frames_and_every_fourth_until_its_horizon() -> None:

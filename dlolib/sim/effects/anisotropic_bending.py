@@ -9,6 +9,7 @@ from dlolib.sim.scene import STIFFNESS
 
 NAME = "anisotropic_bending"
 SAYS = "the rope is stiffer about one axis than about the other"
+SIDED = True
 PARAMETERS = (
     Parameter(
         "stiffness_ratio", "", "EI about the second axis over the first", 1.0, 0.02, 50.0, 0.05, (0.5, 2.0)

@@ -35,6 +35,5 @@ def apply(setup: Setup, values: Mapping[str, float]) -> Setup:
     twist = ROLL_OVER_TWIST * setup.joints[0, 2] / setup.joints[0, 6]
     for end, name in enumerate(("start_stiffness", "end_stiffness")):
         if np.isfinite(values[name]):
-            # a clamp whose roll is unknown goes on turning with the rope
-            grips[end] = (values[name], values[name], grips[end, 2] or twist)
+            grips[end] = (values[name], values[name], twist)
     return replace(setup, grips=grips)

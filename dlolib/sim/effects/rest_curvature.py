@@ -31,6 +31,7 @@ def _wave(axis: int, k: int) -> Parameter:
 
 PARAMETERS = (*map(_uniform, AXES), *(_wave(axis, k) for axis in AXES for k in WAVES))
 SIZES = ("kappa_1", "kappa_2")
+SIDED = True
 FORMS = (("kappa_1",), ("kappa_2",), ("kappa_1", "kappa_2"), tuple(p.name for p in PARAMETERS))
 
 
