@@ -31,7 +31,8 @@ class Fitted:
 
     effects: their names. unknowns: what was fitted, the nuisances too; theta and covariance in the fit's
     coordinates. chi2: of the whitened residuals, with the nuisances' priors. residuals: by recording, on its
-    grid (F, columns, A). offsets_m: what a finer mesh adds to the points.
+    grid (F, columns, A), which may have places where nothing was seen. coordinates: how many were seen.
+    offsets_m: what a finer mesh adds to the points.
     """
 
     effects: tuple[str, ...]
@@ -40,6 +41,7 @@ class Fitted:
     chi2: float
     covariance: Floats
     residuals: tuple[Floats, ...]
+    coordinates: int
     offsets_m: tuple[Floats, ...]
     evaluations: int
 
@@ -199,7 +201,7 @@ def fitted(model: Hypothesis, theta: Floats) -> Fitted:
     covariance = np.asarray(np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-14, hermitian=True), dtype=float)
     return Fitted(
         model.effects, model.unknowns, theta, float(residuals @ residuals), covariance, tuple(grids),
-        model.offsets_m, model.evaluations,
+        sum(one.observed_m.size for one in model.study.seen), model.offsets_m, model.evaluations,
     )  # fmt: skip
 
 

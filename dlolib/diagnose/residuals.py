@@ -89,7 +89,7 @@ def helps(model: Fitted, base: Fitted) -> bool:
 def _left(model: Fitted, slow: SlowModes) -> float:
     """What is not noise of a model's χ²: the excess of the slow modes, or all that is more than noise of a
     deviation known that badly; what is missing in a quick motion shows in quick modes, too."""
-    return max(slow.excess, model.chi2 - BADLY_KNOWN**2 * sum(grid.size for grid in model.residuals))
+    return max(slow.excess, model.chi2 - BADLY_KNOWN**2 * model.coordinates)
 
 
 __all__ = ["SlowModes", "amiss", "explains", "helps", "slow_modes"]

@@ -143,7 +143,8 @@ class Study:
         return Rod.of(one.recording.rope, both, one.model.particles)
 
     def bounds(self, unknown: Unknown) -> tuple[float, float]:
-        """Of the fit's own coordinate: a place is on the rope, a time in the recording."""
+        """Of the fit's own coordinate: a place is on the rope, a time in the recording, and nothing takes
+        longer than that lasts: what hardly fades in it would stand for what does not fade."""
         if unknown.stiffness:
             density = self.seen[0].recording.rope.linear_density_kg_m or 1.0
             return unknown.inward(STIFFNESSES_M4_S2[0] * density), unknown.inward(
@@ -157,6 +158,8 @@ class Study:
         rope, (begin, end) = self.seen[0].recording.rope, self.span_s
         if known.along == "motion":
             return begin, end
+        if known.along == "duration":
+            return low, unknown.inward(max(end - begin, min(known.starts)))
         if known.along == "rope" or (known.unit == "m" and np.isinf(high)):
             return low, unknown.inward(rope.length_m)
         if np.isinf(high):
@@ -238,9 +241,9 @@ class Study:
         known = parameter(name)
         begin, end = self.span_s
         length = self.seen[0].recording.rope.length_m
-        scales = {"rope": length, "motion": end - begin, "bend": self.most_bent_1_m, "": 1.0}
+        scales = {"rope": length, "motion": end - begin, "bend": self.most_bent_1_m}
         shift = begin if known.along == "motion" else 0.0
-        return [shift + scales[known.along] * start for start in known.starts]
+        return [shift + scales.get(known.along, 1.0) * start for start in known.starts]
 
 
 def seen_as(recording: Recording, used: Bools, whitener: Whitener, settings: DiagnoseSettings) -> Seen:

@@ -142,10 +142,11 @@ def _candidates(found: Found) -> tuple[Candidate, ...]:
             rows.append(replace(row, kind="wrong_same_size"))
     if found.black_box is not None:
         inside, outside = found.black_box
-        left, coordinates = float(inside.chi2.sum()), sum(one.observed_m.size for one in study.seen)
+        left = float(inside.chi2.sum())
         bic = max(left + base.parameters * float(np.log(frames)) - best, 0.0)
         change, error, rmse_m = _ahead(found, outside)
-        rows.append(Candidate((), "black_box", bic, change, error, left / coordinates, inside.rmse_m, rmse_m))
+        energy = left / base.coordinates
+        rows.append(Candidate((), "black_box", bic, change, error, energy, inside.rmse_m, rmse_m))
     return tuple(sorted(rows, key=lambda one: one.delta_bic))
 
 

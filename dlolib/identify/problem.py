@@ -13,6 +13,7 @@ from dlolib.errors import ParameterError
 from dlolib.identify.parameters import Unknown
 from dlolib.sim.poses import Model
 from dlolib.sim.rod import Rod
+from dlolib.sim.upright import unrolled
 from dlolib.types import Floats, Recording
 
 Bools = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
@@ -92,8 +93,9 @@ def seen_axes(recording: Recording) -> list[int]:
 
 
 def check_one_object(recordings: Sequence[Recording]) -> None:
-    """Refuse recordings of different objects, which no one stiffness fits, and two of one name, whose own
-    mounting could not be told apart; the mass at the tip may differ.
+    """Refuse recordings of different objects, which no one stiffness fits, two of one name, whose own
+    mounting could not be told apart, and such whose ends' roll is known beside others whose is not: one
+    number stands for the roll that was not recorded (`dlolib.sim.upright`). The mass at the tip may differ.
 
     Raises:
         ParameterError: names the two recordings and what differs.
@@ -113,3 +115,11 @@ def check_one_object(recordings: Sequence[Recording]) -> None:
     if times > 1:
         mend = "give each once, under a name of its own"
         raise ParameterError(f"{times} recordings are named {name}", place="recording.json", mend=mend)
+    held = [one for one in recordings if one.ends.start == one.ends.end == "clamped"]
+    told = {unrolled(one): one.name for one in held}
+    if len(told) > 1:
+        raise ParameterError(
+            f"how the ends are rolled is known in {told[False]} and not in {told[True]}",
+            place="recording.json",
+            mend="give them apart, or set ends.roll_known to false in all of them",
+        )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,8 @@ from dlolib.report.text import title
 from dlolib.types import Candidate, Verdict
 
 SHOWN_FRAMES, SHOWN_MODELS = 6, 10
+# Letters of a model's name in a line, and what a line and the gap to the next model take [mm].
+NAME_LETTERS, LINE_MM, GAP_MM = 44, 3.0, 2.0
 DPI = 200
 BLACK_BOX = "a residual that names nothing"
 
@@ -109,7 +112,9 @@ def models_figure(verdict: Verdict) -> Canvas:
     some = [one for one in verdict.candidates if one.kind != "wrong_same_size"][:SHOWN_MODELS]
     rest = [one for one in verdict.candidates if one.kind == "black_box" or not one.effects]
     models = some + [one for one in rest if one not in some]
-    figure = canvas(16 + 5 * len(models))
+    names = [textwrap.fill(_name(one), NAME_LETTERS) for one in models]
+    lines = sum(1 + name.count("\n") for name in names)
+    figure = canvas(20 + GAP_MM * len(models) + LINE_MM * lines)
     ahead = [(k, one) for k, one in enumerate(models) if one.heldout_delta_chi2 is not None]
     left, *others = figure.subplots(1, 2 if ahead else 1, sharey=True, squeeze=False)[0]
     places = np.arange(len(models))
@@ -118,8 +123,8 @@ def models_figure(verdict: Verdict) -> Canvas:
     won = [one.kind == "library" and set(one.effects) in said and not silent for one in models]
     colors = [ROD if one else FAINT for one in won]
     left.barh(places, [max(one.delta_bic, 0.1) for one in models], color=colors, height=0.6)
-    left.set(xlabel="BIC over the best model's", xscale="log", xlim=(0.1, None))
-    left.set_yticks(places, [_name(one) for one in models])
+    left.set(xlabel="BIC over\nthe best model's", xscale="log", xlim=(0.1, None))
+    left.set_yticks(places, names)
     left.invert_yaxis()
     for right in others:
         right.errorbar(
@@ -128,7 +133,7 @@ def models_figure(verdict: Verdict) -> Canvas:
             markersize=3, linewidth=0.9,
         )  # fmt: skip
         right.axvline(0, color="#9AA0A6", linewidth=0.6)
-        right.set(xlabel="held-out change in χ² (± 2 standard errors)")
+        right.set(xlabel="held-out change in χ²\n(± 2 standard errors)")
         right.locator_params(axis="x", nbins=4)
     return figure
 

@@ -28,7 +28,7 @@ def left(effects, chi2, parameters=2):
     unknowns = tuple(map(Unknown, names))
     count = len(unknowns)
     whole = NOISE.size + chi2
-    return Fitted(effects, unknowns, np.zeros(count), whole, np.eye(count), (NOISE + slow,), (), 1)
+    return Fitted(effects, unknowns, np.zeros(count), whole, np.eye(count), (NOISE + slow,), NOISE.size, (), 1)
 
 
 def decided(*models, foretold=None):

@@ -1,5 +1,6 @@
 """Intervals know of the noise, of models that explain as much, and of laws that are never quite right."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -28,7 +29,7 @@ def model(chi2=0.0, deviation=0.01, effects=None, **values):
     covariance = deviation**2 * np.eye(len(theta))
     if effects is None:
         effects = tuple(dict.fromkeys(name.partition(".")[0] for name in names[1:]))
-    return Fitted(effects, unknowns, theta, NOISE.size + chi2, covariance, (NOISE,), (), 1)
+    return Fitted(effects, unknowns, theta, NOISE.size + chi2, covariance, (NOISE,), NOISE.size, (), 1)
 
 
 def interval(winner, name, *others, base=None):
@@ -45,6 +46,14 @@ def test_alone_an_interval_is_that_of_the_noise():
     # the scale of white noise is 1 but for chance
     assert np.log([own.low / 3e-4, own.high / 3e-4]) == pytest.approx([-0.01 * Z95, 0.01 * Z95], rel=0.05)
     assert interval(LUMP, "bending_stiffness") == pytest.approx((own.low, own.high), rel=1e-4)
+
+
+def test_places_where_nothing_was_seen_are_no_evidence_of_a_good_fit():
+    """As much χ² from half of the points is twice the noise."""
+    half = replace(LUMP, coordinates=NOISE.size // 2)
+    ends = [estimates(STUDY, one, None)["bending_stiffness"] for one in (LUMP, half)]
+    widths = [np.log(own.high / own.low) for own in ends]
+    assert widths[1] == pytest.approx(np.sqrt(2) * widths[0], rel=0.05)
 
 
 def test_another_model_that_is_as_good_has_its_say():

@@ -44,6 +44,27 @@ def test_a_rope_yields_first_below_its_largest_curvature(study):
     assert len(set(yields)) == len(yields)
 
 
+def test_no_branch_relaxes_slower_than_the_recording_lasts(study):
+    """It would not fade, and stand for what never does."""
+    time, ratio = map(Unknown, ("viscoelastic_bending.relaxation_time", "viscoelastic_bending.modulus_ratio"))
+    begin, end = study.span_s
+    assert study.bounds(time) == pytest.approx((np.log(0.002), np.log(end - begin)))
+    assert study.bounds(ratio) == ratio.bounds
+    starts = study.starts("viscoelastic_bending", ("modulus_ratio", "relaxation_time"), [])
+    assert {one["viscoelastic_bending.relaxation_time"] for one in starts} == {0.05, 1.0, 6.0, 30.0}
+    still = replace(study, seen=(at_once(study.seen[0]),))
+    low, high = still.bounds(time)
+    assert low < high
+
+
+def at_once(seen):
+    """All of its frames at the same time."""
+    points = seen.recording.points
+    points = replace(points, t_s=np.zeros_like(points.t_s))
+    recording = replace(seen.recording, points=points)
+    return replace(seen, model=replace(seen.model, recording=recording))
+
+
 def test_softer_ropes_are_tried_where_the_stiffness_tells_nothing(study):
     found = baseline(study).point
     assert not study.rigid(found) and study.beginnings(found, "mass_profile") == [{}]

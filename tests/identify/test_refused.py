@@ -29,6 +29,15 @@ def test_recordings_of_one_name() -> None:
         identify([recording(), recording()], QUICK)
 
 
+def test_recordings_of_known_and_of_unknown_roll() -> None:
+    """One number would stand for the roll of all."""
+    one = recording()
+    other = replace(one, name="other", ends=replace(one.ends, start_roll_known=False))
+    with pytest.raises(ParameterError, match="rolled is known in made and not in other") as refused:
+        identify([one, other], QUICK)
+    assert refused.value.place == "recording.json" and "ends.roll_known" in str(refused.value.mend)
+
+
 def test_a_rope_that_nothing_loads() -> None:
     floating = simulated(replace(recording(), gravity_m_s2=np.zeros(3)), Rod(ROPE, EI, EI))
     with pytest.raises(ParameterError, match="no load tells"):

@@ -37,7 +37,8 @@ class Parameter:
         starts: where a fit begins, if it is to try several.
         along: "rope" or "motion" where it is a place or a time: `starts` are then shares of the rope's length
             or of the recording's duration, which bound it, too; "bend" where they are shares of the largest
-            curvature that an elastic rope takes.
+            curvature that an elastic rope takes; "duration" where it is how long something takes, of which
+            no shorter recording can tell.
         difference: how far a derivative looks to either side, in units of the scale; less where the parameter
             moves a contact, whose force sets in within microns.
     """
@@ -51,7 +52,7 @@ class Parameter:
     scale: float
     starts: tuple[float, ...]
     difference: float = 1e-4
-    along: Literal["", "rope", "motion", "bend"] = ""
+    along: Literal["", "rope", "motion", "bend", "duration"] = ""
 
 
 class Effect(Protocol):

@@ -22,6 +22,7 @@ PARAMETERS = (
         500.0,
         0.5,
         (0.05, 1.0, 6.0, 30.0),
+        along="duration",
     ),
 )
 IDEAL = True
