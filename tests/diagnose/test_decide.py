@@ -26,9 +26,10 @@ def left(effects, chi2, parameters=2):
     slow = SLOW * np.sqrt(chi2 / np.sum(SLOW**2))
     names = ["bending_stiffness", "torsional_stiffness", *(f"mass_profile.{k}" for k in range(parameters))]
     unknowns = tuple(map(Unknown, names))
-    count = len(unknowns)
-    whole = NOISE.size + chi2
-    return Fitted(effects, unknowns, np.zeros(count), whole, np.eye(count), (NOISE + slow,), NOISE.size, (), 1)
+    count, size = len(unknowns), NOISE.size
+    return Fitted(
+        effects, unknowns, np.zeros(count), size + chi2, np.eye(count), (NOISE + slow,), size, (), 1
+    )
 
 
 def decided(*models, foretold=None):
