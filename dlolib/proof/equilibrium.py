@@ -85,6 +85,8 @@ class Equilibrium:
         self.trail: list[Balance] = []
         # How often the balance may still be weighed, which bounds the time that a rope thrown about takes.
         self.patience = 1000
+        # Whether a balance on the way to the last pose was one in which no rope stays.
+        self.topples = False
 
     def lengthen(self, length_m: float) -> None:
         """Give the free rope this length [m]."""
@@ -102,13 +104,14 @@ class Equilibrium:
         """Balance with the gripper at this position (3,) [m] and turn (3, 3).
 
         Raises:
-            SimulationError: no balance was found, in however small steps.
+            SimulationError: no balance was found, in however small steps, or but one in which no rope stays:
+                to which side it topples the least that differs decides.
         """
         self.chain.move(self.q)
         first_m, first = self.chain.vertices[-1].copy(), self.chain.gripper.copy()
         whole = -turn_between(first, turn)
         self.trail[-1:] = [Balance(self.q, self.reaction, first_m, first)]
-        share, size = 0.0, 1.0
+        share, size, self.topples = 0.0, 1.0, False
         while share < 1.0:
             aim = min(1.0, share + size)
             pose = first_m + aim * (position - first_m), turn if aim == 1.0 else _turned(whole * aim, first)
@@ -117,6 +120,10 @@ class Equilibrium:
                 continue
             size /= 2
             if size < 0.5**HALVINGS:
+                if self.topples:
+                    raise SimulationError(
+                        "the laboratory's rope stands on edge and may topple either way", mend="move it less"
+                    )
                 self._fall(*pose, step_s, drift)
                 share, size = aim, 0.25
 
@@ -125,9 +132,13 @@ class Equilibrium:
         last = self.trail[-1]
         for start in (*self._foreseen(position, turn), (last.q, last.reaction)):
             self.q, self.reaction = start
-            if self._newton(position, turn, step_s, drift):
+            slopes = self._newton(position, turn, step_s, drift)
+            if slopes is None:
+                continue
+            if self._stays(slopes):
                 self._leave_trail(position, turn)
                 return True
+            self.topples = True
         self.q, self.reaction = last.q, last.reaction
         return False
 
@@ -163,14 +174,19 @@ class Equilibrium:
             self.chain.move(self.q)
             rate = np.full((self.chain.bodies + 1, 1), HONEY_N_M / self.chain.bodies)
             honey = Drift(still.rate + rate, still.drift + rate * self.chain.vertices)
-            if not self._newton(position, turn, step_s, honey):
+            if self._newton(position, turn, step_s, honey) is None:
                 break
             before = self.q, self.reaction
-            if self._newton(position, turn, step_s, drift):
+            slopes = self._newton(position, turn, step_s, drift)
+            if slopes is not None and self._stays(slopes):
                 self._leave_trail(position, turn)
                 return
             self.q, self.reaction = before
         raise SimulationError("the laboratory's rope found no balance", mend="move it less")
+
+    def _stays(self, slopes: Floats) -> bool:
+        """Whether the rope stays in its balance; the test is none where it rubs, which has no potential."""
+        return any(contact.friction for contact in self.contacts) or stands(slopes)
 
     def keep(self, step_s: float) -> None:
         """Make the present state the laws' history."""
@@ -181,15 +197,16 @@ class Equilibrium:
         for contact in self.contacts:
             contact.keep(self.chain.vertices)
 
-    def _newton(self, position: Floats, turn: Floats, step_s: float, drift: Drift | None) -> bool:
+    def _newton(self, position: Floats, turn: Floats, step_s: float, drift: Drift | None) -> Floats | None:
+        """Slopes (D + 6, D + 6) at the balance that it came to."""
         aim = (position, turn, step_s, drift)
         residual, gap, matrix = self._imbalance(*aim)
         for _ in range(ITERATIONS):
             if np.abs(gap).max() < NEAR_M and np.abs(residual).max() < BALANCE_N_M:
-                return True
+                return matrix
             *_, step, failed = lapack.dgesv(matrix, -np.concatenate([residual, gap]), overwrite_a=True)
             if failed or not np.isfinite(step).all():
-                return False
+                return None
             count = len(residual)
             share = min(1.0, MOST_TURN_RAD / np.abs(step[:count]).max())
             merit, q, reaction = self._merit(residual, gap), self.q, self.reaction
@@ -201,8 +218,8 @@ class Equilibrium:
                     break
                 share /= 2
             else:
-                return False
-        return False
+                return None
+        return None
 
     def _imbalance(
         self, position: Floats, turn: Floats, step_s: float, drift: Drift | None
@@ -269,6 +286,23 @@ class Equilibrium:
             residual[chain.clamps] = springs.clamps * self.q[chain.clamps]
             slopes[chain.clamps, chain.clamps] = springs.clamps
         return residual, slopes
+
+
+def stands(slopes: Floats) -> bool:
+    """Whether a rope stays in a balance: something holds it back in every way that its gripper leaves it.
+
+    Newton's method does not mind: it follows a rope that should topple or snap, standing on its edge.
+
+    Args:
+        slopes: of imbalance and gap (D + 6, D + 6). Positive definite must be the part of the first, made
+            symmetric, that keeps the gap (Gould, Mathematical Programming 32, 1985).
+    """
+    count = len(slopes) - 6
+    *reflectors, _, _ = lapack.dgeqrf(slopes[count:, :count].T)
+    turned = 0.5 * (slopes[:count, :count] + slopes[:count, :count].T)
+    for side, transposed in (("R", "N"), ("L", "T")):
+        turned, _, _ = lapack.dormqr(side, transposed, *reflectors, turned, 64 * count)
+    return bool(lapack.dpotrf(turned[6:, 6:])[1] == 0)
 
 
 def _turned(vector: Floats, turn: Floats) -> Floats:

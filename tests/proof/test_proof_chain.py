@@ -7,10 +7,11 @@ from scipy.spatial.transform import Rotation
 
 from dlolib.errors import SimulationError
 from dlolib.lab.elastica import planar_elastica
+from dlolib.proof import equilibrium
 from dlolib.proof.chain import Chain
 from dlolib.proof.equilibrium import Equilibrium
 from dlolib.proof.motions import ALONG_X
-from dlolib.proof.world import Experiment, build
+from dlolib.proof.world import NOTHING, Effects, Experiment, build
 from dlolib.types import Floats, Motion, Obstacle
 
 EI, LENGTH = 3e-4, 0.445
@@ -55,11 +56,12 @@ def balanced(
     end_m: tuple[float, float, float],
     twist_ratio: float = 1.0,
     obstacles: tuple[Obstacle, ...] = (),
+    effects: Effects = NOTHING,
 ) -> Equilibrium:
     rest = np.tile(ALONG_X, (2, 1))
     place = np.tile(end_m, (2, 1))
     motion = Motion(np.array([0.0, 1.0]), np.zeros((2, 3)), rest, place, rest)
-    rope = build(Experiment(motion, np.zeros(1), EI, twist_ratio * EI, obstacles=obstacles), {}, bodies)
+    rope = build(Experiment(motion, np.zeros(1), EI, twist_ratio * EI, obstacles=obstacles), effects, bodies)
     rope.reach(place[0], Rotation.from_quat(ALONG_X, scalar_first=True).as_matrix(), 0.0)
     rope.chain.move(rope.q)
     return rope
@@ -118,6 +120,24 @@ def test_a_step_is_looked_for_where_the_last_one_leads() -> None:
     assert len(rope.contacts[0].touch(rope.chain.vertices).body)
     np.testing.assert_allclose(ropes[0].q, ropes[1].q, atol=1e-6)
     assert weighed[0] < weighed[1] / 3
+
+
+def test_a_strip_does_not_stay_bent_over_its_edge(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Newton's method alone keeps it upright, where no strip would stay."""
+    strip, end = {"anisotropic_bending": {"stiffness_ratio": 0.2}}, (0.25, 0.0, 0.06)
+    with pytest.raises(SimulationError, match="stands on edge"):
+        balanced(29, end, 0.3, effects=strip)
+    flat = balanced(29, end, 0.3, effects={"anisotropic_bending": {"stiffness_ratio": 5.0}})
+    assert equilibrium.stands(slopes(flat))
+    monkeypatch.setattr(equilibrium, "stands", lambda slopes: True)
+    upright = balanced(29, end, 0.3, effects=strip)
+    monkeypatch.undo()
+    assert not equilibrium.stands(slopes(upright))
+
+
+def slopes(rope: Equilibrium) -> Floats:
+    """Of a rope in its balance."""
+    return rope._imbalance(rope.chain.vertices[-1], rope.chain.gripper, 0.0, None)[2]
 
 
 def test_a_rope_pulled_longer_than_it_is_is_refused() -> None:

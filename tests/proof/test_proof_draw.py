@@ -125,7 +125,7 @@ def test_a_rope_that_moves_more_than_others_is_played_by_a_finer_chain(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Near to that chains of 58 and 116 bodies are a millimetre apart, and no physics."""
-    some, weak = twisting([0, 40, 44, 48], 0.51)
+    some, weak = twisting([0, 40, 44, 48], 0.57)
     known = play.LEFT
     monkeypatch.setattr(play, "LEFT", 0.2)
     (easy, few), (hard, many) = (play.settled(some, effects, WHITE.sigma_m) for effects in ({}, weak))
