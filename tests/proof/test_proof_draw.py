@@ -124,7 +124,7 @@ def test_frames_in_which_chains_agree_are_of_the_continuous_rope_whatever_others
 def test_a_rope_that_moves_more_than_others_is_played_by_a_finer_chain(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Near to that chains of 58 and 116 bodies are a millimetre apart, and no physics."""
+    """Near to that a chain of 116 bodies still lacks too much of what finer ones show."""
     some, weak = twisting([0, 40, 44, 48], 0.57)
     known = play.LEFT
     monkeypatch.setattr(play, "LEFT", 0.2)
