@@ -359,6 +359,7 @@ def test_the_process_exits_with_2_and_one_line(tmp_path: Path) -> None:
         (("plastic_bending:yield_curvature=8,yield_curvature=9",), "yield_curvature is given twice"),
         (("plastic_bending:yield=8",), "--effect plastic_bending:yield=8: "),
         (("mass_profile:s=9,mass=0.05",), "mass_profile.s = 9 m is beyond the end of a rope of 0.445 m"),
+        (("mass_profile:s=0.1,mass=-0.05",), "mass_profile.mass = -0.05 is out of range"),
     ],
 )
 def test_effects(

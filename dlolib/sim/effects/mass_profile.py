@@ -20,7 +20,7 @@ SAYS = "the rope carries a lump, or is heavier towards one end"
 PLACES = (0.1, 0.3, 0.5, 0.7, 0.9)
 PARAMETERS = (
     Parameter("s", "m", "where the point mass is", 0.0, 0.0, np.inf, 0.01, PLACES, along="rope"),
-    Parameter("mass", "kg", "the point mass", 0.0, -1.0, 10.0, 1e-4, (0.002,)),
+    Parameter("mass", "kg", "the point mass", 0.0, 0.0, 10.0, 1e-4, (0.002,)),
     Parameter(
         "gradient", "", "how much the density grows from the middle to the end", 0.0, -1.0, 1.0, 0.02, (0.0,)
     ),
