@@ -69,12 +69,14 @@ def noise_gain(weights: Floats, half_wave: float) -> Floats:
 def _system(weights: Floats, half_wave: float) -> tuple[csr_array, csc_array, Floats]:
     """The splines (N, K), the same turned (K, N), and their normal equations, in the upper banded form of
     scipy.linalg."""
-    basis, turned, penalty = _splines(len(weights), half_wave)
+    steps = max(int(np.ceil((len(weights) - 1) / max(half_wave / SPLINES, 1.0))), 1)
+    step = (len(weights) - 1) / steps
+    basis, turned, penalty = _splines(len(weights), steps)
     weights = weights / weights.mean() + TRACE
     # at each sample so many splines are not zero, one beside the other
     first = basis.indices[::ORDER]
     values = basis.data.reshape(-1, ORDER).T
-    banded = penalty.copy()
+    banded = step * (half_wave / (np.pi * step)) ** (2 * ORDER) * penalty
     for i in range(ORDER):
         for j in range(i, ORDER):
             products = weights * values[i] * values[j]
@@ -82,11 +84,10 @@ def _system(weights: Floats, half_wave: float) -> tuple[csr_array, csc_array, Fl
     return basis, turned, banded
 
 
-@lru_cache(maxsize=32)
-def _splines(count: int, half_wave: float) -> tuple[csr_array, csc_array, Floats]:
-    """Splines evenly over so many samples, (count, K), the same turned, and the penalty of their differences,
-    (ORDER + 1, K), banded."""
-    steps = max(int(np.ceil((count - 1) / max(half_wave / SPLINES, 1.0))), 1)
+@lru_cache(maxsize=512)
+def _splines(count: int, steps: int) -> tuple[csr_array, csc_array, Floats]:
+    """Splines over so many samples in so many even steps, (count, K), the same turned, and the penalty of
+    their differences, (ORDER + 1, K), banded. Lines of one rope have much the same counts in all frames."""
     step = (count - 1) / steps
     knots = step * np.arange(-DEGREE, steps + DEGREE + 1)
     at = np.clip(np.arange(count, dtype=np.float64), 0, steps * step)
@@ -98,4 +99,4 @@ def _splines(count: int, half_wave: float) -> tuple[csr_array, csc_array, Floats
         for j in range(k, ORDER + 1):
             lag = j - k
             banded[ORDER - lag, j : splines - ORDER + j] += differences[k] * differences[j]
-    return basis, basis.T, step * (half_wave / (np.pi * step)) ** (2 * ORDER) * banded
+    return basis, basis.T, banded
