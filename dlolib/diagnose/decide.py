@@ -56,7 +56,7 @@ def decide(
     models = [one for one in searched.models if _earned(one, searched, settings)]
     best = models[0] if models else base
     if not models or best.bic(frames) > base.bic(frames):
-        slow = slow_modes(base.residuals, len(base.unknowns))
+        slow = slow_modes(base)
         return Decision("unexplained" if slow.p_value < ALARMING else "no_mismatch", base)
     if best.effects in wrong or not explains(best, base):
         return Decision("unexplained", best, refuted=best.effects in wrong)

@@ -101,7 +101,7 @@ def _quantiles(weights: Floats, centers: Floats, deviations: Floats) -> Floats:
 def _scale(model: Fitted) -> float:
     """Variance of the whitened residuals, of the slow ones too: more than 1 where the noise was taken for too
     small, or where the model is not quite right. Birge's ratio, Physical Review 40, 1932."""
-    slow = slow_modes(model.residuals, len(model.unknowns))
+    slow = slow_modes(model)
     return max(1.0, model.chi2 / max(model.coordinates - len(model.theta), 1), slow.energy)
 
 

@@ -10,6 +10,7 @@ from scipy import stats
 from scipy.optimize import least_squares
 
 from dlolib.diagnose.study import Point, Seen, Study, remembers
+from dlolib.diagnose.whitening import ModesOfNoise
 from dlolib.errors import SimulationError
 from dlolib.identify.parameters import Unknown
 from dlolib.identify.problem import axes
@@ -31,8 +32,8 @@ class Fitted:
 
     effects: their names. unknowns: what was fitted, the nuisances too; theta and covariance in the fit's
     coordinates. chi2: of the whitened residuals, with the nuisances' priors. residuals: by recording, on its
-    grid (F, columns, A), which may have places where nothing was seen. coordinates: how many were seen.
-    offsets_m: what a finer mesh adds to the points.
+    grid (F, columns, A), which may have places where nothing was seen; noise: how noise alone would lie in
+    them. coordinates: how many were seen. offsets_m: what a finer mesh adds to the points.
     """
 
     effects: tuple[str, ...]
@@ -41,6 +42,7 @@ class Fitted:
     chi2: float
     covariance: Floats
     residuals: tuple[Floats, ...]
+    noise: tuple[ModesOfNoise, ...]
     coordinates: int
     offsets_m: tuple[Floats, ...]
     evaluations: int
@@ -201,6 +203,7 @@ def fitted(model: Hypothesis, theta: Floats) -> Fitted:
     covariance = np.asarray(np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-14, hermitian=True), dtype=float)
     return Fitted(
         model.effects, model.unknowns, theta, float(residuals @ residuals), covariance, tuple(grids),
+        tuple(one.whitener.noise_modes for one in model.study.seen),
         sum(one.observed_m.size for one in model.study.seen), model.offsets_m, model.evaluations,
     )  # fmt: skip
 

@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from dlolib.identify.parameters import Unknown
+from dlolib.sim.effects import parameter
 from dlolib.types import Recording
 
 # Deviations expected of a grip, of a camera's direction and place; a difference in mounting worth saying.
@@ -35,14 +36,15 @@ def between(recordings: Sequence[Recording]) -> dict[Unknown, float]:
         Unknown(name, k): deviation
         for k in range(1, len(recordings))
         for name, deviation in PRIORS.items()
-        if _held(recordings[k], name)
+        if held(recordings[k], name)
     }
 
 
-def _held(recording: Recording, name: str) -> bool:
-    """A free end is mounted nowhere."""
-    effect, _, part = name.partition(".")
-    return effect not in MOUNTING or getattr(recording.ends, part.partition("_")[0]) == "clamped"
+def held(recording: Recording, name: str) -> bool:
+    """Whether somebody holds the end that a parameter belongs to: a free one is mounted nowhere, and slips
+    through no grasp."""
+    end = parameter(name).end
+    return not end or getattr(recording.ends, end) == "clamped"
 
 
 def bounded(name: str) -> bool:
@@ -76,4 +78,4 @@ def mounted_otherwise(values: Mapping[Unknown, float], names: Sequence[str]) -> 
             yield f"{name} is mounted {np.rad2deg(max(angles)):.0f} degrees otherwise than {names[0]}."
 
 
-__all__ = ["FARTHEST", "before", "begins_unseen", "between", "bounded", "mounted_otherwise"]
+__all__ = ["FARTHEST", "before", "begins_unseen", "between", "bounded", "held", "mounted_otherwise"]

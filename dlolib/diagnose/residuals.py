@@ -10,15 +10,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
 from scipy import stats
 from scipy.fft import dctn
 
 from dlolib.diagnose.fitting import Fitted
 from dlolib.diagnose.study import ideal
+from dlolib.diagnose.whitening import MODES, ModesOfNoise
 from dlolib.types import Floats
 
-# The slow modes, over frames and along the rope.
-MODES = 8
 # A model whose slow residuals are this unlikely does not explain the recording, if they also are more than
 # a share of what it explains, larger for an ideal law: its form is never quite that of the rope.
 UNLIKELY, NEGLIGIBLE, IDEALLY = 1e-3, 0.01, 0.05
@@ -42,20 +42,35 @@ class SlowModes:
     excess: float
 
 
-def slow_modes(residuals: Sequence[Floats], parameters: int, modes: int = MODES) -> SlowModes:
-    """The test of whitened residuals (F, columns, A) of each recording: slow modes against quick ones."""
-    slow, slow_count, quick, quick_count = 0.0, -parameters, 0.0, 0
-    for grid in residuals:
+def slow_modes(model: Fitted, modes: int = MODES) -> SlowModes:
+    """The test of what a model leaves: slow modes against quick ones, each against what noise would leave."""
+    return _tested(model.residuals, model.noise, len(model.unknowns), modes)
+
+
+def _tested(
+    residuals: Sequence[Floats], noise: Sequence[ModesOfNoise], parameters: int, modes: int
+) -> SlowModes:
+    """The same of the whitened residuals (F, columns, A) of each recording.
+
+    Where places were not seen noise lies unevenly in the modes, and their energy goes as χ² of fewer degrees
+    of freedom (Satterthwaite, Biometrics Bulletin 2, 1946).
+    """
+    slow = quick = expected = squared = places = 0.0
+    for grid, own in zip(residuals, noise, strict=True):
         squares = dctn(grid, axes=(0, 1), norm="ortho") ** 2
-        frames, places = _slow(grid.shape[0], grid.shape[1], modes)
-        low = squares[:frames, :places]
+        m, n = _slow(grid.shape[0], grid.shape[1], modes)
+        low = squares[:m, :n]
         slow += float(low.sum())
-        slow_count += low.size
         quick += float(squares.sum() - low.sum())
-        quick_count += squares.size - low.size
+        covariance = own.covariance[:m, :n, :m, :n].reshape(low[..., 0].size, -1)
+        axes = grid.shape[2]
+        expected += axes * float(np.trace(covariance))
+        squared += axes * float(np.sum(covariance**2))
+        places += axes * own.places
+    slow_count, quick_count = expected - parameters, max(places - expected, 1.0)
     scale = quick / quick_count
-    energy = slow / max(slow_count, 1) / scale
-    p = float(stats.f.sf(energy, max(slow_count, 1), quick_count))
+    energy = slow / max(slow_count, 1.0) / scale
+    p = float(stats.f.sf(energy, max(slow_count, 1.0) * expected / squared, quick_count))
     return SlowModes(energy, p, slow - slow_count * scale)
 
 
@@ -69,20 +84,19 @@ def _slow(frames: int, places: int, modes: int) -> tuple[int, int]:
 
 def amiss(model: Fitted) -> bool:
     """Whether a model may leave more than noise: a test that sooner errs on that side than `explains`."""
-    left, parameters = model.residuals, len(model.unknowns)
-    return min(slow_modes(left, parameters, modes).p_value for modes in SLOWER) < AMISS
+    return min(slow_modes(model, modes).p_value for modes in SLOWER) < AMISS
 
 
 def explains(model: Fitted, base: Fitted) -> bool:
     """Whether a model leaves but noise, or little of what it explains."""
-    slow = slow_modes(model.residuals, len(model.unknowns))
+    slow = slow_modes(model)
     share = IDEALLY if any(map(ideal, model.effects)) else NEGLIGIBLE
     return slow.p_value >= UNLIKELY or _left(model, slow) <= share * (base.chi2 - model.chi2)
 
 
 def helps(model: Fitted, base: Fitted) -> bool:
     """Whether a model that does not explain all at least takes up most of it."""
-    slow = slow_modes(model.residuals, len(model.unknowns))
+    slow = slow_modes(model)
     return _left(model, slow) <= LARGELY * (base.chi2 - model.chi2)
 
 

@@ -9,9 +9,9 @@ from functools import cached_property
 
 import numpy as np
 
-from dlolib.diagnose.nuisances import FARTHEST, begins_unseen, bounded
+from dlolib.diagnose.nuisances import FARTHEST, begins_unseen, bounded, held
 from dlolib.diagnose.whitening import Whitener
-from dlolib.errors import SimulationError
+from dlolib.errors import ParameterError, SimulationError
 from dlolib.identify import particles_for
 from dlolib.identify.intervals import FEWEST_POSES, poses
 from dlolib.identify.parameters import ACTS_M, LOGARITHM_SCALE, Unknown
@@ -137,10 +137,17 @@ class Study:
         return sum(one.whitener.shape[0] for one in self.seen)
 
     def rod(self, k: int, values: Values) -> Rod:
-        """The rod of recording k."""
+        """The rod of recording k.
+
+        Raises:
+            SimulationError: a value that it has for itself takes it, with what all share, out of bounds.
+        """
         one = self.seen[k]
         both = {"torsional_stiffness": values["bending_stiffness"], **values}
-        return Rod.of(one.recording.rope, both, one.model.particles)
+        try:
+            return Rod.of(one.recording.rope, both, one.model.particles)
+        except ParameterError as error:
+            raise SimulationError(error.problem, mend=error.mend) from error
 
     def bounds(self, unknown: Unknown) -> tuple[float, float]:
         """Of the fit's own coordinate: a place is on the rope, a time in the recording, and nothing takes
@@ -159,7 +166,7 @@ class Study:
         if known.along == "motion":
             return begin, end
         if known.along == "duration":
-            return low, unknown.inward(max(end - begin, min(known.starts)))
+            return low, unknown.inward(max(self.longest_s, min(known.starts)))
         if known.along == "rope" or (known.unit == "m" and np.isinf(high)):
             return low, unknown.inward(rope.length_m)
         if np.isinf(high):
@@ -168,9 +175,14 @@ class Study:
 
     @property
     def span_s(self) -> tuple[float, float]:
-        """When the first frame was seen, and the last."""
+        """When the first recording's first frame was seen, and its last."""
         t = self.seen[0].recording.points.t_s
         return float(t.min()), float(t.max())
+
+    @property
+    def longest_s(self) -> float:
+        """How long the longest recording lasts."""
+        return max(float(np.ptp(one.recording.points.t_s)) for one in self.seen)
 
     def starts(self, name: str, form: Sequence[str], hints: Sequence[Hint]) -> list[dict[str, float]]:
         """Where fits of an effect may begin: every combination of its parameters' starts, also with its sizes
@@ -297,10 +309,10 @@ def acting_only(study: Study, ratios_m4_s2: Sequence[float]) -> Study:
             Unknown(name, k): own[name] for name, move in zip(own, moves[1:], strict=True) if move > ACTS_M
         }
     stiffnesses = tuple(STIFFNESSES) if twisted else ("bending_stiffness",)
-    rod = study.rod(0, {"bending_stiffness": ei})
-    most = max(bent(one.model, study.rod(k, {"bending_stiffness": ei})) for k, one in enumerate(study.seen))
-    seen = tuple(replace(one, model=near(one.model, rod)) for one in study.seen)
-    ahead = {k: replace(one, model=near(one.model, rod)) for k, one in study.ahead.items()}
+    rods = [study.rod(k, {"bending_stiffness": ei}) for k in range(len(study.seen))]
+    most = max(bent(one.model, rod) for one, rod in zip(study.seen, rods, strict=True))
+    seen = tuple(replace(one, model=near(one.model, rod)) for one, rod in zip(study.seen, rods, strict=True))
+    ahead = {k: replace(one, model=near(one.model, rods[k])) for k, one in study.ahead.items()}
     return replace(
         study, seen=seen, ahead=ahead, stiffnesses=stiffnesses, nuisances=acting, most_bent_1_m=most
     )
@@ -354,5 +366,14 @@ def library(
             continue
         if name == "prior_history" and not (unknown and remembers(beside)):
             continue
-        found += [(name, form) for form in forms(effect) if len(form) <= MOST_OF_ONE_POSE or not still]
+        found += [
+            (name, form)
+            for form in forms(effect)
+            if (len(form) <= MOST_OF_ONE_POSE or not still) and _held_somewhere(study, name, form)
+        ]
     return found
+
+
+def _held_somewhere(study: Study, effect: str, form: Sequence[str]) -> bool:
+    """Whether every part of an effect belongs to no end, or to one that is held in some recording."""
+    return all(any(held(one.recording, f"{effect}.{part}") for one in study.seen) for part in form)

@@ -115,7 +115,7 @@ def _beside(found: Found) -> Alternatives:
 
 
 def _quality(found: Found, model: Fitted, beside: Alternatives | None = None) -> Quality:
-    slow = slow_modes(model.residuals, len(model.unknowns))
+    slow = slow_modes(model)
     ahead = found.foretold.get(model.effects)
     return Quality(
         estimates(found.study, model, None, beside), _rmse(found.study, model),
@@ -133,7 +133,7 @@ def _candidates(found: Found) -> tuple[Candidate, ...]:
     rows = []
     for one in models:
         change, error, rmse_m = _ahead(found, found.foretold.get(one.effects))
-        slow = slow_modes(one.residuals, len(one.unknowns)).energy
+        slow = slow_modes(one).energy
         row = Candidate(
             one.effects, "library", one.bic(frames) - best, change, error, slow, _rmse(study, one), rmse_m
         )

@@ -11,10 +11,14 @@ from functools import cached_property
 
 import numpy as np
 from scipy import sparse
+from scipy.fft import dct
 from scipy.sparse.linalg import SuperLU, splu
 
 from dlolib.identify.problem import seen_axes
 from dlolib.types import Floats, Ints, Noise, Recording
+
+# The slow modes, over frames and along the rope.
+MODES = 8
 
 
 @dataclass(frozen=True)
@@ -42,6 +46,18 @@ def grid_of(recording: Recording, used: np.ndarray) -> Grid:
         column = np.arange(len(row)) - first[row]
         return Grid(frame, row, column, most)
     return Grid(frame, row, column, len(places))
+
+
+@dataclass(frozen=True)
+class ModesOfNoise:
+    """How noise lies in a whitened grid in which some places were not seen: more of it in some modes.
+
+    places: how many were seen. covariance: of the slow modes of a cosine transform over frames and places,
+    (M, N, M, N), of each axis; the identity where all places were seen.
+    """
+
+    places: int
+    covariance: Floats
 
 
 @dataclass(frozen=True)
@@ -124,6 +140,20 @@ class Whitener:
         return ways, 1 - 1 / np.sqrt(1 + sizes**2)
 
     @cached_property
+    def noise_modes(self) -> ModesOfNoise:
+        """What is to be expected of noise alone: with P, which takes out what was not seen, and the modes S,
+        their covariance is S P S^T."""
+        over_frames, over_places = (dct(np.eye(n), axis=0, norm="ortho")[:MODES] for n in self.shape)
+        modes = np.kron(over_frames, over_places)
+        covariance = np.eye(len(modes))
+        if self._missing is not None:
+            unseen, factor = self._missing
+            hidden = unseen.T @ modes.T
+            covariance -= hidden.T @ factor.solve(hidden)
+        shape = len(over_frames), len(over_places)
+        return ModesOfNoise(len(self._place), covariance.reshape(*shape, *shape))
+
+    @cached_property
     def _missing(self) -> tuple[sparse.csc_array, SuperLU] | None:
         absent = np.ones(self.shape[0] * self.shape[1], dtype=bool)
         absent[self._place] = False
@@ -171,4 +201,4 @@ def decay(lag: Floats, length: float) -> Floats:
     return np.asarray(np.exp(-lag / length))
 
 
-__all__ = ["Grid", "Whitener", "decay", "grid_of", "lasting"]
+__all__ = ["MODES", "Grid", "ModesOfNoise", "Whitener", "decay", "grid_of", "lasting"]

@@ -44,6 +44,15 @@ UNDERWAY = 0.1
 
 
 @dataclass(frozen=True)
+class _Followed(RecordingModel):
+    """A way along which the rope settles at every pose: its inertia and its drag have no part in it."""
+
+    def setup(self, rod: Rod) -> Setup:
+        """As `RecordingModel.setup`."""
+        return replace(super().setup(rod), moving=False)
+
+
+@dataclass(frozen=True)
 class PosesModel:
     """The same calls as `RecordingModel`, every frame on its own; the points of a rope that remembers, with
     an end free, are those of the way in the order recorded."""
@@ -52,7 +61,7 @@ class PosesModel:
     particles: int
 
     @cached_property
-    def _followed(self) -> RecordingModel:
+    def _followed(self) -> _Followed:
         """The poses as one motion in the order recorded."""
         rows = self.recording.motion
         arrived_s = rows.t_s[:-1] + UNDERWAY * np.diff(rows.t_s)
@@ -62,7 +71,7 @@ class PosesModel:
         motion = Motion(
             t_s, rows.start_m[stands], rows.start_q[stands], rows.end_m[stands], rows.end_q[stands]
         )
-        return RecordingModel(replace(self.recording, motion=motion), self.particles, None)
+        return _Followed(replace(self.recording, motion=motion), self.particles, None)
 
     def _remembers(self, made: Setup) -> bool:
         ends = self.recording.ends
@@ -91,10 +100,10 @@ class PosesModel:
         return self._observed(len(self._motion.t_s))
 
     def setup(self, rod: Rod) -> Setup:
-        """The rod in the recording's surroundings; as `RecordingModel.setup`."""
+        """The rod in the recording's surroundings; as `RecordingModel.setup`, but what settles is at rest."""
         rec = self.recording
         check_mesh(rod, self.particles)
-        return setup(rod, rec.gravity_m_s2, rec.ends, rec.obstacles)
+        return replace(setup(rod, rec.gravity_m_s2, rec.ends, rec.obstacles), moving=False)
 
     def roll_out(self, rod: Rod) -> Rollout:
         """Every pose's equilibrium by itself, of a rope that does not remember: one rope a frame, index 1 is
@@ -129,7 +138,7 @@ class PosesModel:
         if made.delay_s:
             motion = interpolate_motion(self.recording.motion, self._times - made.delay_s)
         path = held_path(motion, made)
-        gone = made.slip.gone(self._times) / self.recording.rope.length_m
+        gone = made.slip.gone(self._times) / made.length_m
         span = np.repeat(1.0 - gone[:, None], 2, axis=1)
         x, q = (part.transpose(1, 0, 2, 3) for part in (path.x, path.q))
         return Case(scene_of([made] * len(self._times)), Path(x, q, span=span))

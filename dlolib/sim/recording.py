@@ -215,13 +215,14 @@ class RecordingModel:
 
     def path(self, made: Setup, times: Floats) -> Path:
         """The held poses at these of the set-up's own times."""
-        way = (made.delay_s, made.turns, made.rolls, made.slip, made.moving, made.path_dependent, len(times))
+        held = (made.delay_s, made.turns, made.rolls, made.slip, made.length_m)
+        way = (*held, made.moving, made.path_dependent, len(times))
         return self._kept.get(way, lambda: self._path(made, times))
 
     def _path(self, made: Setup, times: Floats) -> Path:
         motion = interpolate_motion(self.recording.motion, times - made.delay_s)
         dt = np.diff(times, prepend=times[:1] - (self.step_s or 0.0 if made.moving else 0.0))
-        gone = made.slip.gone(times) / self.recording.rope.length_m
+        gone = made.slip.gone(times) / made.length_m
         span = 1.0 - np.concatenate([gone[:1], gone])
         return replace(held_path(motion, made), dt_s=dt[None], span=span[None])
 

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.stats import kstest
 
 from dlolib.diagnose.decide import COMPARED, contenders, decide
 from dlolib.diagnose.fitting import Fitted
@@ -12,12 +13,15 @@ from dlolib.diagnose.heldout import Foretold, refuted
 from dlolib.diagnose.residuals import explains, helps, slow_modes
 from dlolib.diagnose.search import Searched
 from dlolib.diagnose.study import DiagnoseSettings
+from dlolib.diagnose.whitening import Grid, ModesOfNoise, Whitener, decay
 from dlolib.identify.parameters import Unknown
 from dlolib.sim.effects import EFFECTS
+from dlolib.types import Noise
 
 FRAMES, COLUMNS = 90, 28
 NOISE = np.random.default_rng(5).standard_normal((FRAMES, COLUMNS, 3))
 SLOW = np.cos(np.pi * (np.arange(FRAMES) + 0.5) / FRAMES)[:, None, None] * np.ones((FRAMES, COLUMNS, 3))
+ALL_SEEN = ModesOfNoise(FRAMES * COLUMNS, np.eye(64).reshape(8, 8, 8, 8))
 STUDY = SimpleNamespace(frames=FRAMES)
 
 
@@ -28,8 +32,9 @@ def left(effects, chi2, parameters=2):
     unknowns = tuple(map(Unknown, names))
     count, size = len(unknowns), NOISE.size
     return Fitted(
-        effects, unknowns, np.zeros(count), size + chi2, np.eye(count), (NOISE + slow,), size, (), 1
-    )
+        effects, unknowns, np.zeros(count), size + chi2, np.eye(count), (NOISE + slow,),
+        (ALL_SEEN,), size, (), 1,
+    )  # fmt: skip
 
 
 def decided(*models, foretold=None):
@@ -43,11 +48,47 @@ def told(change):
     return Foretold(np.full(24, 84.0 + change / 24) + np.tile([0.1, -0.1], 12), np.zeros(1))
 
 
+def whitener(shape, seen=None, correlation=0.0):
+    """Of a grid (F, columns) of which so much was seen."""
+    row, column = np.nonzero(np.ones(shape, bool) if seen is None else seen)
+    grid = Grid(np.arange(shape[0]), row, column, shape[1])
+    return Whitener(grid, Noise(0.001, correlation, correlation))
+
+
+def rest(whitener, values_m):
+    """A model that leaves these at the points."""
+    model = replace(left((), 0.0, 0), unknowns=())
+    return replace(model, residuals=(whitener(values_m),), noise=(whitener.noise_modes,))
+
+
 @pytest.mark.parametrize("shape", [(8, 8), (2, 6), (4, 8)])
 def test_a_small_recording_has_quick_modes_too(shape):
-    white = np.random.default_rng(3).standard_normal((*shape, 3))
-    assert 0.3 < slow_modes([white], 2).energy < 3
-    assert slow_modes([white + 30.0], 2).p_value < 1e-6
+    noise = 0.001 * np.random.default_rng(3).standard_normal((shape[0] * shape[1], 3))
+    assert 0.3 < slow_modes(rest(whitener(shape), noise)).energy < 3
+    assert slow_modes(rest(whitener(shape), noise + 0.03)).p_value < 1e-6
+
+
+def lost_at_random(rng):
+    return rng.random((60, 30)) > 0.4
+
+
+def hidden_from_frame_10_on(rng):
+    return np.arange(60)[:, None] + 10 * np.arange(30) < 70
+
+
+@pytest.mark.parametrize("lost", [lost_at_random, hidden_from_frame_10_on])
+@pytest.mark.parametrize("correlation", [0.0, 1.5])
+def test_noise_is_noise_however_much_was_not_seen(lost, correlation):
+    """Correlated noise whose gaps are filled as fits best lies in slow modes more than in quick ones."""
+    rng = np.random.default_rng(5)
+    lags = [np.abs(np.subtract.outer(r, r)) for r in (np.arange(60), np.arange(30))]
+    frames, places = (np.linalg.cholesky(decay(lag, max(correlation, 1e-9))) for lag in lags)
+    seen = lost(rng)
+    white = whitener((60, 30), seen, correlation)
+    raw = 0.001 * rng.standard_normal((200, 3, 60, 30))
+    noise = np.moveaxis(frames @ raw @ places.T, 1, 3)
+    likely = [slow_modes(rest(white, one[seen])).p_value for one in noise]
+    assert kstest(likely, "uniform").pvalue > 1e-3
 
 
 def test_the_best_model_explains_where_no_other_is_near():

@@ -9,10 +9,12 @@ import pytest
 from dlolib.diagnose.decide import OFF
 from dlolib.diagnose.estimates import Z95, Alternatives, estimates
 from dlolib.diagnose.fitting import Fitted
+from dlolib.diagnose.whitening import ModesOfNoise
 from dlolib.identify.parameters import Unknown
 
 FRAMES = 90
 NOISE = np.random.default_rng(5).standard_normal((FRAMES, 28, 3))
+ALL_SEEN = ModesOfNoise(NOISE[..., 0].size, np.eye(64).reshape(8, 8, 8, 8))
 ROPE = SimpleNamespace(linear_density_kg_m=0.04)
 STUDY = SimpleNamespace(
     frames=FRAMES,
@@ -29,7 +31,9 @@ def model(chi2=0.0, deviation=0.01, effects=None, **values):
     covariance = deviation**2 * np.eye(len(theta))
     if effects is None:
         effects = tuple(dict.fromkeys(name.partition(".")[0] for name in names[1:]))
-    return Fitted(effects, unknowns, theta, NOISE.size + chi2, covariance, (NOISE,), NOISE.size, (), 1)
+    return Fitted(
+        effects, unknowns, theta, NOISE.size + chi2, covariance, (NOISE,), (ALL_SEEN,), NOISE.size, (), 1
+    )
 
 
 def interval(winner, name, *others, base=None):

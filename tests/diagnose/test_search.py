@@ -23,7 +23,7 @@ def fitted(chi2: float, effects: tuple[str, ...] = (), parts: Sequence[str] = ()
     names = ["bending_stiffness", *(f"{effects[-1]}.{part}" for part in parts)]
     unknowns = tuple(map(Unknown, names))
     theta = np.ones(len(names))
-    return Fitted(effects, unknowns, theta, chi2, np.eye(len(names)), (), 0, (), 1)
+    return Fitted(effects, unknowns, theta, chi2, np.eye(len(names)), (), (), 0, (), 1)
 
 
 LUMP, SLOPED = ("s", "mass"), ("s", "mass", "gradient")

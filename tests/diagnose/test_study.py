@@ -19,6 +19,7 @@ from dlolib.identify.parameters import Unknown
 from dlolib.sim.effects import rest_curvature
 from dlolib.sim.recording import RecordingModel
 from dlolib.sim.upright import ROLL, ROLLS
+from dlolib.types import Ends
 
 
 @pytest.fixture(scope="module")
@@ -194,6 +195,22 @@ def test_one_pose_cannot_tell_an_uneven_set(study, monkeypatch):
     assert uneven in library(study, ())
     monkeypatch.setattr(study_module, "poses", lambda model: 1)
     assert uneven not in library(study, ()) and ("rest_curvature", ("kappa_1",)) in library(study, ())
+
+
+def test_nothing_is_sought_at_an_end_that_nobody_holds(study):
+    one = study.seen[0]
+    recording = replace(one.recording, ends=Ends("clamped", "free"))
+    hanging = replace(study, seen=(replace(one, model=replace(one.model, recording=recording)),))
+    found = library(hanging, ())
+    assert "grasp_slip" in dict(library(study, ())) and "grasp_slip" not in dict(found)
+    assert [form for name, form in found if name == "end_angle"] == [("start_1", "start_2")]
+    both = replace(study, seen=(*hanging.seen, one))
+    assert library(both, ()) == library(study, ())
+
+
+def test_what_leaves_the_bounds_together_cannot_be_simulated(study):
+    with pytest.raises(SimulationError, match="end_angle.start_1"):
+        study.rod(0, {"bending_stiffness": EI, "end_angle.start_1": 1.03})
 
 
 def test_how_one_end_is_rolled_joins_every_model_where_nobody_recorded_it(study):

@@ -281,6 +281,11 @@ def test_what_makes_no_sense_is_refused(effect: str, values: Mapping[str, float]
         named(effect, values)
 
 
+@pytest.mark.parametrize("time_s", [-100.0, 1.7e9])
+def test_a_slip_is_at_a_time_of_any_clock(time_s: float) -> None:
+    assert named("grasp_slip", {"time": time_s}) == {"grasp_slip.time": time_s}
+
+
 def test_the_page_lists_every_parameter() -> None:
     page = Path("docs/effects.md").read_text(encoding="utf-8")
     for effect in EFFECTS.values():

@@ -178,6 +178,23 @@ def cantilever(
     return shot(at_clamp)[2:].T
 
 
+@pytest.mark.parametrize(
+    ("ends", "held"), [(Ends("clamped", "free"), "start"), (Ends("free", "clamped"), "end")]
+)
+def test_a_clamp_that_gives_way_in_bending_holds_the_roll(ends: Ends, held: str) -> None:
+    """Whichever end is free: a rope bent at rest would turn about itself."""
+    bent = named("rest_curvature", {"kappa_1": 0.5, "kappa_2": 3.0})
+    gives = named("end_compliance", {f"{held}_stiffness": 1e3})
+    shapes = []
+    for effects in (bent, {**bent, **gives}):
+        rod = Rod(ROPE, 1.5e-3, 1.5e-3, effects)
+        made = scene([rod], GRAVITY, ends)
+        start, end = (pose(0, 0, 0), None) if held == "start" else (None, pose(0, 0, 0))
+        guess = first_shape(ROPE.length_m, rod.particles, start, end, GRAVITY)
+        shapes.append(settle(made, guess, way_of(np.zeros((1, 3)))).final.x[0])
+    assert np.abs(shapes[1] - shapes[0]).max() < 1e-4 * ROPE.length_m
+
+
 @pytest.mark.parametrize("law", [law.NAME for law in LAWS])
 def test_no_law_puts_a_moment_on_an_end_that_nobody_holds(law: str) -> None:
     values, moment = BENT_ONCE[law]

@@ -137,6 +137,24 @@ def test_some_of_the_settled_poses_come_out_as_all_of_them() -> None:
     assert np.abs(PosesModel(replace(made, points=points), 20).predict(RUBS).xyz_m - whole).max() < 2.5e-4
 
 
+@pytest.mark.parametrize("effects", [RUBS.effects, {}], ids=["remembers", "does not"])
+def test_what_settles_is_at_rest(effects: dict[str, float]) -> None:
+    """Settled poses have no speed: nothing tells of inertia in them, and no time step is asked for."""
+    made = model_of(poses(np.array([90.0, 120, 150]), Ends("clamped", "free")), 20, None)
+    plain = replace(RUBS, effects=effects)
+    inert = plain.with_values(named("inertia_drag", {"inertia": 1.0, "drag": 0.1}))
+    assert np.abs(made.predict(inert).xyz_m - made.predict(plain).xyz_m).max() < 1e-9
+
+
+def test_what_slips_is_a_length_however_long_the_rope_is() -> None:
+    slip = {"length": 0.02, "time": -1.0, "duration": 0.0}
+    longer = {**named("grasp_slip", slip), **named("length_error", {"relative": 0.1})}
+    model = RecordingModel(recording(), 20, None)
+    x = model.roll_out(Rod(ROPE, EI, GJ, longer, particles=20)).x[0, -1]
+    free_m = np.linalg.norm(np.diff(x, axis=0), axis=1).sum()
+    assert free_m == pytest.approx(1.1 * ROPE.length_m - 0.02, abs=1e-5)
+
+
 def test_what_settles_has_relaxed() -> None:
     """A viscous rope is seen as an elastic one, long after it came there."""
     viscous = {"modulus_ratio": 0.5, "relaxation_time": 2.0}

@@ -103,8 +103,10 @@ def check(name: str, value: float, beyond: float = 0.0) -> None:
         ParameterError: it is, or there is no such parameter.
     """
     known = parameter(name)
-    low = known.low - beyond * max(known.scale, abs(known.low))
-    high = known.high + (beyond * max(known.scale, known.high) if np.isfinite(known.high) else 0.0)
+    low, high = (
+        bound + sign * beyond * max(known.scale, abs(bound)) if np.isfinite(bound) else bound
+        for bound, sign in ((known.low, -1), (known.high, 1))
+    )
     if value != known.neutral and not low <= value <= high:
         problem = f"{name} = {value:g} is out of range"
         mend = f"give one from {known.low:g} to {known.high:g} {known.unit}".rstrip()

@@ -39,6 +39,7 @@ class Parameter:
             or of the recording's duration, which bound it, too; "bend" where they are shares of the largest
             curvature that an elastic rope takes; "duration" where it is how long something takes, of which
             no shorter recording can tell.
+        end: "start" or "end" where it belongs to how that end is held, so that a free one has none of it.
         difference: how far a derivative looks to either side, in units of the scale; less where the parameter
             moves a contact, whose force sets in within microns.
     """
@@ -53,6 +54,7 @@ class Parameter:
     starts: tuple[float, ...]
     difference: float = 1e-4
     along: Literal["", "rope", "motion", "bend", "duration"] = ""
+    end: Literal["", "start", "end"] = ""
 
 
 class Effect(Protocol):
@@ -193,6 +195,11 @@ class Setup:
         """Whether the rope is where it is in the other: at most the camera differs."""
         mechanical = (part.name for part in fields(self) if part.name not in ("rope", "ends", "camera"))
         return all(np.array_equal(getattr(self, name), getattr(other, name)) for name in mechanical)
+
+    @property
+    def length_m(self) -> float:
+        """The free length [m], before any of it slips away."""
+        return float(self.segments[:, 0].sum())
 
     @property
     def particles_m(self) -> Floats:

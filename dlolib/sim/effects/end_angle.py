@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Literal
 
 from dlolib.sim.effects.base import Parameter, Setup
 
 NAME = "end_angle"
 SAYS = "a clamp or grasp holds the rope at another angle than recorded"
+ENDS: tuple[Literal["start"], Literal["end"]] = ("start", "end")
 PARAMETERS = tuple(
     Parameter(
         f"{end}_{axis}",
@@ -19,8 +21,9 @@ PARAMETERS = tuple(
         1.0,
         0.01,
         (0.0,),
+        end=end,
     )
-    for end in ("start", "end")
+    for end in ENDS
     for axis in (1, 2)
 )
 FORMS = (("start_1", "start_2"), ("end_1", "end_2"), ("start_1", "start_2", "end_1", "end_2"))

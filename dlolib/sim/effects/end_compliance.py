@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from dlolib.sim.effects.base import Parameter, Setup
 
 NAME = "end_compliance"
 SAYS = "a clamp gives way under the rope's moment"
+ENDS: tuple[Literal["start"], Literal["end"]] = ("start", "end")
 PARAMETERS = tuple(
     Parameter(
         f"{end}_stiffness",
@@ -21,8 +23,9 @@ PARAMETERS = tuple(
         np.inf,
         0.1,
         (0.01, 0.1),
+        end=end,
     )
-    for end in ("start", "end")
+    for end in ENDS
 )
 FORMS = (("start_stiffness",), ("end_stiffness",), ("start_stiffness", "end_stiffness"))
 # A clamp that gives way in bending is this much stiffer in roll than the rope's first segment in twist.
@@ -32,8 +35,8 @@ ROLL_OVER_TWIST = 1e5
 def apply(setup: Setup, values: Mapping[str, float]) -> Setup:
     """Springs between the recorded frames and the rope's own at its ends."""
     grips = setup.grips.copy()
-    twist = ROLL_OVER_TWIST * setup.joints[0, 2] / setup.joints[0, 6]
-    for end, name in enumerate(("start_stiffness", "end_stiffness")):
+    for end, name in ((0, "start_stiffness"), (-1, "end_stiffness")):
         if np.isfinite(values[name]):
+            twist = ROLL_OVER_TWIST * setup.joints[end, 2] / setup.joints[end, 6]
             grips[end] = (values[name], values[name], twist)
     return replace(setup, grips=grips)

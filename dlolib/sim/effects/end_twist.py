@@ -10,8 +10,8 @@ from dlolib.sim.effects.base import Parameter, Setup
 NAME = "end_twist"
 SAYS = "a held end is rolled against what was recorded"
 PARAMETERS = (
-    Parameter("start", "rad", "roll of the start", 0.0, -6.0, 6.0, 0.05, (0.0,)),
-    Parameter("end", "rad", "roll of the end", 0.0, -6.0, 6.0, 0.05, (0.0,)),
+    Parameter("start", "rad", "roll of the start", 0.0, -6.0, 6.0, 0.05, (0.0,), end="start"),
+    Parameter("end", "rad", "roll of the end", 0.0, -6.0, 6.0, 0.05, (0.0,), end="end"),
 )
 FORMS = (("start",), ("end",), ("start", "end"))
 

@@ -26,7 +26,16 @@ PARAMETERS = (
         (0.1, 0.2, 0.35, 0.6, 0.9),
         along="bend",
     ),
-    Parameter("hardening_ratio", "", "stiffness past it over that before", 0.0, 0.0, 2.0, 0.05, (0.2,)),
+    Parameter(
+        "hardening_ratio",
+        "",
+        "kinematic modulus H over EI; past it H / (1 + H) of EI is left",
+        0.0,
+        0.0,
+        2.0,
+        0.05,
+        (0.2,),
+    ),
 )
 IDEAL = True
 ABRUPT = True
