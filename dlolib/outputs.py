@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import os
+import tempfile
 from pathlib import Path
 
 from dlolib.errors import FormatError
@@ -41,5 +41,8 @@ def check_out(out: Path, known_by: str | tuple[str, ...], *inputs: Path | None) 
     above = next(folder for folder in whole.parents if folder.exists())
     if not above.is_dir():
         raise FormatError("is a file", file=above, mend="give a folder")
-    if not os.access(above, os.W_OK | os.X_OK):
-        raise FormatError("may not be written to", file=above, mend="give another, or the right to")
+    try:
+        with tempfile.TemporaryDirectory(dir=above):
+            pass
+    except OSError as error:
+        raise FormatError("cannot be written to", file=above, mend="give another, or the right to") from error

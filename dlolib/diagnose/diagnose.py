@@ -21,16 +21,12 @@ from dlolib.diagnose.verdict import Found, simulated, verdict_of
 from dlolib.diagnose.whitening import Whitener, grid_of, lasting
 from dlolib.diagnose.workers import Workers
 from dlolib.errors import ParameterError
-from dlolib.formats import interpolate_motion
 from dlolib.identify.identify import FIRST_STIFFNESS_M4_S2
-from dlolib.identify.problem import axes, check_one_object, seen_axes
+from dlolib.identify.problem import axes, check_held_ends, check_one_object, seen_axes
 from dlolib.sim.upright import ROLL, unrolled
 from dlolib.types import Floats, Noise, Recording, Verdict
 
 FEWEST_POINTS, FEWEST_FRAMES = 12, 2
-# Points this near to an end tell where it is; an end this far from where it was held is no effect but an
-# error. Both are shares of the rope's length.
-NEAR_END, ELSEWHERE = 0.02, 0.1
 # Fewer frames than this are not worth splitting.
 SPLIT = 8
 # What the noise is taken for until an elastic rod is fitted.
@@ -105,21 +101,7 @@ def _check(recordings: Sequence[Recording]) -> None:
             problem = f"{recording.name} has {points} points in {frames} frames that are not held out"
             mend = f"a diagnosis needs {FEWEST_FRAMES} frames and {FEWEST_POINTS} points"
             raise ParameterError(problem, place="points.csv", mend=mend)
-        _check_ends(recording)
-
-
-def _check_ends(recording: Recording) -> None:
-    """Whether the rope's ends were seen about where the motion has them."""
-    points, length = recording.points, recording.rope.length_m
-    motion, seen = interpolate_motion(recording.motion, points.t_s), seen_axes(recording)
-    for end, held_m, s_m in (("start", motion.start_m, 0.0), ("end", motion.end_m, length)):
-        near = np.abs(points.s_m - s_m) < NEAR_END * length
-        if getattr(recording.ends, end) != "clamped" or not near.any():
-            continue
-        off = float(np.median(np.linalg.norm((points.xyz_m - held_m)[near][:, seen], axis=1)))
-        if off > ELSEWHERE * length:
-            problem = f"{recording.name}: the rope's {end} was seen {1e3 * off:.0f} mm from where it was held"
-            raise ParameterError(problem, place="motion.csv", mend="correct the motion, or the points")
+        check_held_ends(recording)
 
 
 def _study(

@@ -15,6 +15,8 @@ from scipy import linalg, optimize
 from scipy.fft import dct
 
 from dlolib.diagnose.whitening import decay, grid_of
+from dlolib.errors import ParameterError
+from dlolib.formats import interpolate_motion
 from dlolib.identify.problem import seen_axes
 from dlolib.types import Floats, Noise, Recording
 
@@ -28,11 +30,18 @@ LONGEST = 10.0
 FEWEST_STILL, SAME = 3, 1e-6
 # No camera's noise is less than this [m].
 LEAST_M = 1e-6
+# An end that moves or turns further than this while it is to stand still does not [m, rad]; a given deviation
+# is refuted by points of one pose that scatter so many times as much.
+STANDS_M, STANDS_RAD, REFUTED = 2e-3, 0.02, 2.0
 
 
 def known_noise(recording: Recording) -> tuple[Noise, str] | None:
     """The noise that a recording tells without any rod, and whence: it is given, or some frames show one
-    pose."""
+    pose.
+
+    Raises:
+        ParameterError: an end moves in frames that are to stand still.
+    """
     if recording.noise is not None:
         return recording.noise, "recording.json: noise"
     still = _still(recording)
@@ -40,18 +49,47 @@ def known_noise(recording: Recording) -> tuple[Noise, str] | None:
         return None
     values = recording.points.xyz_m[:, seen_axes(recording)]
     first, last = recording.points.frame[still][[0, -1]]
+    _check_standing(recording, int(first), int(last))
     noise = _likeliest(recording, values, still, still_shape=True)
     if noise.sigma_m < LEAST_M:
         # simulated, or a tracker that says the same again while nothing moves
         return None
-    return _known_deviation(recording, noise), f"frames {first} to {last}, which stand still"
+    here = f"frames {first} to {last}, which stand still"
+    given = recording.position_noise_m or 0.0
+    if given == 0.0:
+        return noise, here
+    if noise.sigma_m > REFUTED * given:
+        many = noise.sigma_m / given
+        return noise, f"{here} and scatter {many:.1f} times as much as recording.json: position_noise_m"
+    return replace(noise, sigma_m=given), f"recording.json: position_noise_m; its correlation: {here}"
+
+
+def _check_standing(recording: Recording, first: int, last: int) -> None:
+    """What moves there would be taken for noise, and hide what is missing."""
+    points = recording.points
+    still = (points.frame >= first) & (points.frame <= last)
+    poses = interpolate_motion(recording.motion, np.unique(points.t_s[still]))
+    for end, place_m, turn in (("start", poses.start_m, poses.start_q), ("end", poses.end_m, poses.end_q)):
+        if getattr(recording.ends, end) != "clamped":
+            continue
+        way_m = float(np.linalg.norm(place_m - place_m[0], axis=1).max())
+        turned_rad = float(2 * np.arccos(np.clip(np.abs(turn @ turn[0]), 0, 1)).max())
+        if way_m > STANDS_M or turned_rad > STANDS_RAD:
+            moves = f"moves by {1e3 * way_m:.0f} mm and turns by {np.rad2deg(turned_rad):.0f} degrees"
+            raise ParameterError(
+                f"{recording.name}: the {end} {moves} in frames {first} to {last}, which are to stand still",
+                place="static_frames",
+                mend="name frames in which it stands, or leave static_frames out",
+            )
 
 
 def noise_left(recording: Recording, residual_m: Floats) -> tuple[Noise, str]:
     """The noise of a recording by what a rod leaves of its points (P, A) [m]: what is quick in that."""
     noise = _likeliest(recording, residual_m, np.ones(len(residual_m), dtype=bool), still_shape=False)
-    noise = replace(noise, sigma_m=max(noise.sigma_m, LEAST_M))
-    return _known_deviation(recording, noise), "quick part of the residuals"
+    here, given = "quick part of the residuals", recording.position_noise_m or 0.0
+    if given > 0:
+        return replace(noise, sigma_m=given), f"recording.json: position_noise_m; its correlation: {here}"
+    return replace(noise, sigma_m=max(noise.sigma_m, LEAST_M)), here
 
 
 def _still(recording: Recording) -> np.ndarray | None:
@@ -68,12 +106,6 @@ def _still(recording: Recording) -> np.ndarray | None:
     if still is None or len(np.unique(points.frame[still])) < FEWEST_STILL:
         return None
     return still
-
-
-def _known_deviation(recording: Recording, noise: Noise) -> Noise:
-    if recording.position_noise_m is None or recording.position_noise_m <= 0:
-        return noise
-    return Noise(recording.position_noise_m, noise.correlation_points, noise.correlation_frames)
 
 
 def _likeliest(recording: Recording, values_m: Floats, used: np.ndarray, still_shape: bool) -> Noise:

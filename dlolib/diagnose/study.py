@@ -14,8 +14,9 @@ from dlolib.diagnose.whitening import Whitener
 from dlolib.errors import ParameterError, SimulationError
 from dlolib.identify import particles_for
 from dlolib.identify.intervals import FEWEST_POSES, poses
-from dlolib.identify.parameters import ACTS_M, LOGARITHM_SCALE, Unknown
+from dlolib.identify.parameters import ACTS_M, LOGARITHM_SCALE, UNBENT, Unknown, within
 from dlolib.identify.problem import axes
+from dlolib.sim.begun import STANDARD_GRAVITY_M_S2
 from dlolib.sim.continuum import refined
 from dlolib.sim.effects import EFFECTS, parameter
 from dlolib.sim.effects.base import Hint, forms, sizes
@@ -28,10 +29,8 @@ from dlolib.types import Floats, Recording
 
 # A dynamic roll-out of a quasi-static recording takes no more steps than this.
 MOST_STEPS = 1000
-# Softest and stiffest rope over its density: a hair, and a rod of steel as thick as an arm.
-STIFFNESSES_M4_S2 = (1e-8, 1e6)
-# The weight over EI / L² of a rope that it does not bend, and EI / L² over the weight of ropes that it does.
-STANDARD_GRAVITY_M_S2, UNBENT, BENT_BY_WEIGHT = 9.81, 0.01, (0.1, 0.01)
+# EI / L² over the weight of ropes that it bends.
+BENT_BY_WEIGHT = (0.1, 0.01)
 # GJ over EI of a rope that is neither limp in twist nor rigid; a solid round one has 0.67 to 1.
 USUAL_TWIST = (0.1, 10.0)
 # A stiffness whose neutral value is infinite is not sought beyond this times its largest start.
@@ -153,10 +152,7 @@ class Study:
         """Of the fit's own coordinate: a place is on the rope, a time in the recording, and nothing takes
         longer than that lasts: what hardly fades in it would stand for what does not fade."""
         if unknown.stiffness:
-            density = self.seen[0].recording.rope.linear_density_kg_m or 1.0
-            return unknown.inward(STIFFNESSES_M4_S2[0] * density), unknown.inward(
-                STIFFNESSES_M4_S2[1] * density
-            )
+            return within(self.seen[0].recording.rope.linear_density_kg_m)
         low, high = unknown.bounds
         expected = {**self.nuisances, **self.histories}.get(unknown)
         if expected is not None and bounded(unknown.name):

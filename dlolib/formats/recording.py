@@ -22,6 +22,8 @@ FORM = "dlo-recording/1"
 # A tenth of a micrometre, squared: no camera knows a point better.
 LEAST_VARIANCE_M2 = 1e-14
 COVARIANCES = ("cxx_m2", "cxy_m2", "cxz_m2", "cyy_m2", "cyz_m2", "czz_m2")
+# What goes together over more points or frames than this is an offset, and no noise.
+LONGEST = 1000.0
 UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 
@@ -29,8 +31,8 @@ class NoiseModel(Strict):
     """The key `noise`."""
 
     sigma_m: float = Field(gt=0)
-    correlation_points: float = Field(ge=0)
-    correlation_frames: float = Field(ge=0)
+    correlation_points: float = Field(ge=0, le=LONGEST)
+    correlation_frames: float = Field(ge=0, le=LONGEST)
 
 
 class ViewModel(Strict):

@@ -12,8 +12,8 @@ from scipy.optimize import Bounds, OptimizeResult, least_squares
 
 from dlolib.errors import ParameterError, SimulationError
 from dlolib.identify.intervals import bootstrap
-from dlolib.identify.parameters import ACTS_M, LOGARITHM_SCALE, Unknown, acting, candidates
-from dlolib.identify.problem import Bools, Problem, axes, check_one_object
+from dlolib.identify.parameters import SOFTEST_M4_S2, Unknown, acting, candidates, unbent, within
+from dlolib.identify.problem import Bools, Problem, axes, check_held_ends, check_one_object
 from dlolib.progress import track
 from dlolib.sim.continuum import MOST_CORRECTIONS, mesh_error, refined, stands
 from dlolib.sim.poses import model_of, near
@@ -112,9 +112,11 @@ def identify(
     """
     check_one_object(recordings)
     for recording in recordings:
+        check_held_ends(recording)
         if _declared(recording).all():
             held = f"{recording.name}: every frame is held out"
             raise ParameterError(held, place="heldout_frames", mend="leave frames to fit")
+    _check_loaded(recordings, SOFTEST_M4_S2, "it weighs nothing")
     problem, theta = _begin(recordings, settings, given)
     problem, theta = _acting_only(problem, theta, settings)
     history: list[Floats] = []
@@ -126,7 +128,12 @@ def identify(
             break
         problem = better
         theta = _solve(problem, theta, settings, history).x
+    if Unknown("bending_stiffness") in problem.unknowns:
+        stiff = float(problem.rod(0, theta).bending_stiffness)
+        _check_loaded(recordings, stiff, f"at the best EI, {stiff:.2g} N m^2, its weight does not bend it")
     low, high = bootstrap(problem, theta, settings.bootstrap, settings.seed)
+    # where the model is far from right the resamples' mean is not the fit
+    low, high = np.minimum(low, theta), np.maximum(high, theta)
     # frames that a recording declares as held out were never in the fit; of others the last are left out now
     heldout = [_heldout(recording, settings) for recording in recordings]
     without = replace(problem, used=tuple(~left for left in heldout))
@@ -205,7 +212,6 @@ def _best_start(problem: Problem, theta: Floats, settings: IdentifySettings, his
 
 def _acting_only(problem: Problem, theta: Floats, settings: IdentifySettings) -> tuple[Problem, Floats]:
     jacobian = problem.jacobian(theta)
-    _check_loaded(problem, jacobian)
     positions = acting(problem.unknowns, jacobian)
     if settings.parameters is not None:
         named = {u.name for u in problem.unknowns}
@@ -222,13 +228,11 @@ def _acting_only(problem: Problem, theta: Floats, settings: IdentifySettings) ->
     return _keeping_rods(problem, theta, positions), theta[positions]
 
 
-def _check_loaded(problem: Problem, jacobian: Floats) -> None:
-    """Refuse a rope that only its own clamps bend: its shape tells GJ / EI, and any EI fits it."""
-    alone = LOGARITHM_SCALE * jacobian[:, [k for k, u in enumerate(problem.unknowns) if u.stiffness]]
-    together = alone.sum(axis=1)
-    if np.abs(together).max() < ACTS_M < np.abs(alone).max():
+def _check_loaded(recordings: Sequence[Recording], stiffness: float, why: str) -> None:
+    """Refuse ropes of an EI [N m²] that nothing but their clamps bends: their shape tells GJ / EI alone."""
+    if all(unbent(recording, stiffness) for recording in recordings):
         raise ParameterError(
-            "no load tells how stiff the rope is: EI and GJ together move no point",
+            f"no load tells how stiff the rope is: {why}",
             place="gravity_m_s2",
             mend="correct gravity, or record the rope with a mass at its tip",
         )
@@ -277,13 +281,14 @@ def _solve(
     problem: Problem, theta: Floats, settings: IdentifySettings, history: list[Floats]
 ) -> OptimizeResult:
     history.append(theta.copy())
+    density = problem.rods[0].rope.linear_density_kg_m
 
     def note(intermediate_result: OptimizeResult) -> None:
         history.append(intermediate_result.x.copy())
 
     return least_squares(
         problem.residuals, theta, problem.jacobian, x_scale=np.array([u.scale for u in problem.unknowns]),
-        bounds=Bounds(*np.array([u.bounds for u in problem.unknowns]).T),
+        bounds=Bounds(*np.array([within(density) if u.stiffness else u.bounds for u in problem.unknowns]).T),
         max_nfev=settings.iterations, ftol=1e-8, xtol=1e-8, gtol=1e-12, callback=note,
     )  # fmt: skip
 

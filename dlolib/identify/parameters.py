@@ -9,6 +9,7 @@ import numpy as np
 
 from dlolib.sim.effects import EFFECTS, parameter
 from dlolib.sim.effects.base import sizes
+from dlolib.sim.rod import STIFFEST_M4_S2
 from dlolib.sim.upright import ROLL, unrolled
 from dlolib.types import Floats, Recording
 
@@ -19,6 +20,10 @@ TILT = "lateral_load.x"
 REST_CURVATURES = ("rest_curvature.kappa_1", "rest_curvature.kappa_2")
 # A parameter that moves no point by this much when it changes by its scale does not act.
 ACTS_M = 1e-5
+# The softest rope over its density: a hair.
+SOFTEST_M4_S2 = 1e-8
+# The weight over EI / L² of a rope that it does not bend.
+UNBENT = 0.01
 # What counts as a change of one in what is fitted by its logarithm: a tenth.
 LOGARITHM_SCALE = 0.1
 
@@ -53,7 +58,7 @@ class Unknown:
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """Of the fit's own coordinate."""
+        """Of the fit's own coordinate; those of a stiffness depend on the rope (`within`)."""
         if self.stiffness:
             return -np.inf, np.inf
         known = parameter(self.name)
@@ -66,6 +71,20 @@ class Unknown:
     def outward(self, coordinate: float) -> float:
         """From the fit's coordinate to the parameter."""
         return float(np.exp(coordinate)) if self.logarithmic else coordinate
+
+
+def within(density_kg_m: float | None) -> tuple[float, float]:
+    """Least and largest stiffness of a rope of that density, in the fit's own coordinate."""
+    density = density_kg_m or 1.0
+    return float(np.log(SOFTEST_M4_S2 * density)), float(np.log(STIFFEST_M4_S2 * density))
+
+
+def unbent(recording: Recording, stiffness: float) -> bool:
+    """Whether a rope of this EI [N m²] is so stiff that its weight does not bend it, and no speed either."""
+    rope = recording.rope
+    mass_kg = (rope.linear_density_kg_m or 1.0) * rope.length_m + rope.tip_mass_kg
+    weight_n = mass_kg * float(np.linalg.norm(recording.gravity_m_s2))
+    return recording.quasi_static and stiffness > weight_n * rope.length_m**2 / UNBENT
 
 
 def candidates(recordings: Sequence[Recording]) -> tuple[Unknown, ...]:

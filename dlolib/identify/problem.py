@@ -10,6 +10,7 @@ import numpy as np
 from scipy.optimize import approx_fprime
 
 from dlolib.errors import ParameterError
+from dlolib.formats import interpolate_motion
 from dlolib.identify.parameters import Unknown
 from dlolib.sim.poses import Model
 from dlolib.sim.rod import Rod
@@ -19,6 +20,9 @@ from dlolib.types import Floats, Recording
 Bools = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 # Lengths of one object, measured again for each recording, differ by no more than this share.
 AS_LONG = 0.05
+# Points this near to an end tell where it is; an end this far from where it was held is no effect but an
+# error. Both are shares of the rope's length.
+NEAR_END, ELSEWHERE = 0.02, 0.1
 
 
 @dataclass(frozen=True)
@@ -123,3 +127,21 @@ def check_one_object(recordings: Sequence[Recording]) -> None:
             place="recording.json",
             mend="give them apart, or set ends.roll_known to false in all of them",
         )
+
+
+def check_held_ends(recording: Recording) -> None:
+    """Refuse a recording whose rope was seen elsewhere than where the motion has its held ends.
+
+    Raises:
+        ParameterError: names the recording and the end.
+    """
+    points, length = recording.points, recording.rope.length_m
+    motion, seen = interpolate_motion(recording.motion, points.t_s), seen_axes(recording)
+    for end, held_m, s_m in (("start", motion.start_m, 0.0), ("end", motion.end_m, length)):
+        near = np.abs(points.s_m - s_m) < NEAR_END * length
+        if getattr(recording.ends, end) != "clamped" or not near.any():
+            continue
+        off = float(np.median(np.linalg.norm((points.xyz_m - held_m)[near][:, seen], axis=1)))
+        if off > ELSEWHERE * length:
+            problem = f"{recording.name}: the rope's {end} was seen {1e3 * off:.0f} mm from where it was held"
+            raise ParameterError(problem, place="motion.csv", mend="correct the motion, or the points")

@@ -20,6 +20,11 @@ from dlolib.types import Ends, Floats, Obstacle, Rope
 WEIGHT_STRAIN = 3e-5
 # Contact force per length of rope and depth [N/m^2], over the load per length.
 CONTACT_OVER_LOAD_1_M = 5e7
+# The stiffest rope over its density: of steel, as thick as an arm. Beyond it nothing bends, and rounding
+# errors are all that shows.
+STIFFEST_M4_S2 = 1e6
+# How far a difference for a derivative may look beyond a bound.
+BEYOND = 1e-3
 STIFFNESSES = {"bending_stiffness": "N m^2", "torsional_stiffness": "N m^2"}
 NOTHING: Mapping[str, float] = MappingProxyType({})
 
@@ -57,11 +62,15 @@ class Rod:
         for name, value in (("diameter_m", 2 * self.rope.radius_m), ("tip_mass_kg", self.rope.tip_mass_kg)):
             if not (np.isfinite(value) and value >= 0):
                 raise ParameterError(f"{name} = {value:g} is out of range", mend="give 0 or more")
+        stiffest = STIFFEST_M4_S2 * self.linear_density
+        for name, value in (("bending", self.bending_stiffness), ("torsional", self.torsional_stiffness)):
+            if value > (1 + BEYOND) * stiffest:
+                problem = f"{name}_stiffness = {value:g} N m^2 is stiffer than any rope of this density"
+                raise ParameterError(problem, mend=f"give {stiffest:g} or less")
         if self.particles < 3:
             raise ParameterError(f"particles = {self.particles}", mend="a rod needs 3 or more")
         for name, value in self.effects.items():
-            # a difference for a derivative may look a little beyond
-            check(name, value, 1e-3)
+            check(name, value, BEYOND)
 
     @property
     def linear_density(self) -> float:

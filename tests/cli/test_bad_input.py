@@ -370,6 +370,14 @@ def test_effects(
     assert says in refusal(capfd, tmp_path, "simulate", good, "--set", "bending_stiffness=3e-4", *options)
 
 
+def test_a_place_that_cannot_be_written_to_is_refused_before_the_work(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    good = samples.recording_folder(tmp_path / "good")
+    assert run(["simulate", str(good), "--set", "bending_stiffness=3e-4", "--out", "/proc/out"]) == 2
+    assert "dlo: /proc: cannot be written to; give another" in capfd.readouterr().err
+
+
 def test_a_robot_for_the_laboratory(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     write_motion(samples.motion(), tmp_path / "motion.csv")
     there = ("--layout", samples.layout_folder(tmp_path / "layout"), "--robot", tmp_path / "robot.json")

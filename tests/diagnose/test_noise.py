@@ -8,7 +8,8 @@ from sim.test_recording import recording
 
 from dlolib.diagnose.noise import known_noise, noise_left
 from dlolib.diagnose.whitening import Whitener, grid_of, lasting
-from dlolib.types import Floats, Noise, Points, Recording
+from dlolib.errors import ParameterError
+from dlolib.types import Floats, Motion, Noise, Points, Recording
 
 SIGMA = 1.5e-3
 
@@ -27,7 +28,15 @@ def noisy(noise: Noise, frames: int = 30, columns: int = 20, lost: float = 0.0) 
         np.tile(np.linspace(0, 0.44, columns), frames)[keep],
     )
     points = Points(frame, 0.1 * frame, s, drawn.reshape(-1, 3)[keep])
-    return replace(recording(), points=points, static_frames=(0, frames - 1)), points.xyz_m
+    made = recording()
+    standing = Motion(
+        made.motion.t_s,
+        *(np.tile(part[0], (len(made.motion.t_s), 1)) for part in (
+            made.motion.start_m, made.motion.start_q, made.motion.end_m, made.motion.end_q,
+        )),
+    )  # fmt: skip
+    still = replace(made, motion=standing, points=points, static_frames=(0, frames - 1))
+    return still, points.xyz_m
 
 
 def decay(count: int, length: float) -> Floats:
@@ -97,11 +106,29 @@ def test_numbers_are_found_again(points: float, frames: float) -> None:
 def test_without_static_frames_the_quick_part_tells() -> None:
     made, values = noisy(Noise(SIGMA, 0.7, 0.7))
     wave = 0.02 * np.sin(made.points.t_s)[:, None] * made.points.s_m[:, None]
-    moving = replace(made, static_frames=None)
+    moving = replace(made, motion=recording().motion, static_frames=None)
     assert known_noise(moving) is None
     found, source = noise_left(moving, values + wave)
     assert source == "quick part of the residuals"
     assert found.sigma_m == pytest.approx(SIGMA, rel=0.1)
+
+
+def test_frames_in_which_an_end_moves_do_not_stand_still() -> None:
+    """What moves there would pass for noise, beside which nothing shows."""
+    made, _ = noisy(Noise(SIGMA, 0.0, 0.0))
+    with pytest.raises(ParameterError, match="made: the end moves by 55 mm .* in frames 0 to 29") as refused:
+        known_noise(replace(made, motion=recording().motion))
+    assert refused.value.place == "static_frames"
+
+
+@pytest.mark.parametrize(("given", "holds"), [(SIGMA / 15, False), (SIGMA / 1.5, True), (3 * SIGMA, True)])
+def test_a_given_deviation_holds_unless_points_at_rest_scatter_more(given: float, holds: bool) -> None:
+    made, _ = noisy(Noise(SIGMA, 0.0, 0.0))
+    known = known_noise(replace(made, position_noise_m=given))
+    assert known is not None
+    noise, source = known
+    assert noise.sigma_m == pytest.approx(given if holds else SIGMA, rel=0.08)
+    assert "position_noise_m" in source and ("scatter 14.7" in source) is not holds
 
 
 def test_points_that_say_the_same_again_tell_no_noise() -> None:

@@ -44,6 +44,21 @@ def test_a_rope_that_nothing_loads() -> None:
         identify([floating], QUICK)
 
 
+def test_a_fit_that_goes_on_to_where_no_load_bends_the_rope() -> None:
+    """Gravity with the wrong sign: only a rope that does not sag at all comes near."""
+    made = recording()
+    upwards = replace(made, gravity_m_s2=-made.gravity_m_s2)
+    with pytest.raises(ParameterError, match="no load tells .* at the best EI"):
+        identify([upwards], QUICK)
+
+
+def test_a_rope_that_was_seen_elsewhere_than_it_is_held() -> None:
+    made = recording()
+    turned = replace(made.points, s_m=made.points.s_m - 0.01, xyz_m=made.points.xyz_m[::-1])
+    with pytest.raises(ParameterError, match="made: the rope's start was seen .* mm from where it was held"):
+        identify([replace(made, points=turned)], QUICK)
+
+
 def test_all_frames_held_out() -> None:
     with pytest.raises(ParameterError, match="every frame is held out"):
         identify([replace(recording(), heldout_frames=(0, 5))], QUICK)

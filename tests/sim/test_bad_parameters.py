@@ -19,6 +19,7 @@ BAD: dict[str, tuple[Callable[[], Rod], str]] = {
     "negative EI": (lambda: Rod(ROPE, -EI, GJ), "bending_stiffness = -0.0003 .*; give one above 0"),
     "no EI": (lambda: Rod(ROPE, 0.0, GJ), "bending_stiffness = 0 .*; give one above 0"),
     "infinite GJ": (lambda: Rod(ROPE, EI, np.inf), "torsional_stiffness = inf .*; give one above 0"),
+    "no rope": (lambda: Rod(ROPE, 1e9, GJ), "bending_stiffness = 1e.09 N m.2 is stiffer than .* 40000 or"),
     "no length": (lambda: Rod(replace(ROPE, length_m=0.0), EI, GJ), "length_m = 0 .*; give one above 0"),
     "negative length": (
         lambda: Rod(replace(ROPE, length_m=-1.0), EI, GJ),
