@@ -197,7 +197,7 @@ def _problem(recordings: Sequence[Recording], kind: Kind) -> Problem:
 def _solved(problem: Problem, start: Values) -> tuple[float, Values] | None:
     """The cost at the best of the values near a start, and these; None where it cannot be simulated."""
     unknowns = problem.unknowns
-    low, high = np.array([u.bounds for u in unknowns]).T
+    low, high = problem.bounds
     count = sum(int(used.sum()) * 3 for used in problem.used)
 
     def residuals(theta: Floats) -> Floats:

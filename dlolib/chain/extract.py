@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,16 +12,21 @@ from dlolib.chain.clock import clocks_apart
 from dlolib.chain.frame import FrameChain, chain_frame
 from dlolib.chain.settings import ChainSettings
 from dlolib.chain.uncertainty import noise_of
+from dlolib.errors import ChainError
+from dlolib.formats.doubts import say
 from dlolib.progress import track
 from dlolib.types import CaptureIndex, Floats, Motion, Points, Recording
 
 # Looked up anew at the clocks' offset, the held ends tell what is left of it, as often as this.
 PASSES = 3
+# A warning names no more frames than this.
+MOST_NAMED = 8
 
 
 @dataclass(frozen=True)
 class ChainResult:
-    """The recording, the chain of each frame, and how they were found.
+    """The recording, the chain of each frame, and how they were found. The recording has no points of frames
+    whose chain does not count.
 
     clocks_apart_s: by how much later than logged the held ends were taken to be where they were logged; the
     recording's own clocks stay.
@@ -44,6 +49,7 @@ class ChainResult:
             "measured_length_mean_m": float(lengths.mean()),
             "measured_length_sd_m": float(lengths.std()),
             "frames_at_known_length": sum(frame.fitted for frame in self.frames),
+            "frames_left_out": sum(not frame.counts for frame in self.frames),
             "spacing_error_max": float(np.abs(spacing).max(initial=0.0)),
             "clocks_apart_s": self.clocks_apart_s,
             "depth_scatter_m": float(np.median([frame.depth_scatter_m for frame in self.frames])),
@@ -61,7 +67,7 @@ def extract_chain(source: Source, settings: ChainSettings | None = None) -> Chai
         The recording, whose points are ordered by frame and arc length, and the frames' own chains.
 
     Raises:
-        ChainError: a frame shows no rope; names capture, frame and mend.
+        ChainError: a frame shows no rope, or none has one of the known length; names capture, frame and mend.
         FormatError: a frame cannot be read.
     """
     settings = settings or ChainSettings()
@@ -73,7 +79,41 @@ def extract_chain(source: Source, settings: ChainSettings | None = None) -> Chai
         if more_s == 0.0:
             break
         late_s += more_s
-    return ChainResult(_recording(source.index, chains, settings), tuple(chains), settings, late_s)
+    say(_doubts(chains, source.index))
+    counted = [chain for chain in chains if chain.counts]
+    return ChainResult(_recording(source.index, counted, settings), tuple(chains), settings, late_s)
+
+
+def _doubts(chains: Sequence[FrameChain], index: CaptureIndex) -> Iterator[str]:
+    """What is to be said of frames in which the rope has not its length.
+
+    Raises:
+        ChainError: none has it, with both ends held.
+    """
+    known = index.rope.length_m
+    lost = [chain for chain in chains if not chain.counts]
+    if len(lost) == len(chains):
+        raise ChainError(
+            f"{index.name}: the rope is {known:.3f} m long, and in every frame {_lengths(lost)}",
+            place="object.length_m",
+            mend="correct it, or what is taken for the rope (chain.segmentation)",
+        )
+    if lost:
+        yield f"{index.name}: the rope is {known:.3f} m long, and {_named(lost)}; left out, look at sheet.png"
+    short = [chain for chain in chains if chain.counts and not chain.fitted]
+    if short:
+        yield f"{index.name}: of a rope of {known:.3f} m only {_named(short)}; counted from what was seen"
+
+
+def _lengths(chains: Sequence[FrameChain]) -> str:
+    measured = [chain.measured_m for chain in chains]
+    return f"{min(measured):.3g} to {max(measured):.3g} m were measured"
+
+
+def _named(chains: Sequence[FrameChain]) -> str:
+    frames = ", ".join(str(chain.frame) for chain in chains[:MOST_NAMED])
+    more = len(chains) - MOST_NAMED
+    return f"{_lengths(chains)} in frames {frames}" + (f" and {more} more" if more > 0 else "")
 
 
 def _chains(source: Source, index: CaptureIndex, settings: ChainSettings) -> list[FrameChain]:
@@ -126,11 +166,16 @@ def _recording(index: CaptureIndex, chains: list[FrameChain], settings: ChainSet
         note=index.note,
         quasi_static=index.quasi_static,
         world_from_camera=index.camera.world_from_camera,
-        static_frames=index.static_frames,
-        heldout_frames=index.heldout_frames,
+        static_frames=_left_of(index.static_frames, chains),
+        heldout_frames=_left_of(index.heldout_frames, chains),
         rate_hz=index.rate_hz,
         noise=None if covariance is None else noise_of(covariance, settings.smooth_m, spacing),
     )
+
+
+def _left_of(span: tuple[int, int] | None, chains: list[FrameChain]) -> tuple[int, int] | None:
+    """A range of frames, if any of them counts."""
+    return span if span and any(span[0] <= chain.frame <= span[1] for chain in chains) else None
 
 
 def _free_motion(t_s: Floats) -> Motion:

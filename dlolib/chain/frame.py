@@ -35,7 +35,8 @@ class FrameChain:
     line_seen (M,), the dense line they were sampled from. measured_m: length from end to end as
     measured, hidden stretches bridged; fitted: whether it agreed with the rope's length, so that s_m was
     brought to it; seen_share of the rope's length; depth_scatter_m, of single readings about the axis.
-    covariance_m2 (K, 3, 3) of the points, but of a cloud's.
+    covariance_m2 (K, 3, 3) of the points, but of a cloud's. counts: False where both ends are held and the
+    length between them is not the rope's: something else was taken for it, or a part of it left out.
     """
 
     frame: int
@@ -51,6 +52,7 @@ class FrameChain:
     seen_share: float
     depth_scatter_m: float
     covariance_m2: Floats | None = None
+    counts: bool = True
 
 
 def chain_frame(
@@ -103,6 +105,7 @@ def chain_frame(
         share,
         scatter,
         None if axis.sigma_m is None else _turned(covariances(axis, s_m, points, index.rope), index),
+        axis.fitted or start is None or end is None,
     )
 
 

@@ -111,7 +111,7 @@ def _offered(frame: Frame, index: CaptureIndex) -> str:
 def _threshold(frame: Frame, index: CaptureIndex, settings: ChainSettings) -> Segmentation:
     assert frame.color is not None
     grey = np.asarray(cv2.cvtColor(frame.color, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
-    mask = _cleaned(_bright(grey, frame, settings), frame, index)
+    mask = _cleaned(_bright(grey, frame, index, settings), frame, index)
     levels = grey.astype(np.float32)
     levels[grey == 255] = np.inf
     return Segmentation(mask, levels)
@@ -134,7 +134,7 @@ def _in_range(frame: Frame, index: CaptureIndex) -> Mask:
     return np.asarray((to_red > 0) | (from_red > 0))
 
 
-def _bright(grey: Image, frame: Frame, settings: ChainSettings) -> Mask:
+def _bright(grey: Image, frame: Frame, index: CaptureIndex, settings: ChainSettings) -> Mask:
     if settings.threshold is not None:
         return np.asarray(grey >= settings.threshold, dtype=np.bool_)
     level, binary = cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
@@ -150,8 +150,9 @@ def _bright(grey: Image, frame: Frame, settings: ChainSettings) -> Mask:
             mend="remove the frame, or set chain.threshold or rope_color_hsv",
         )
     # Light from one side leaves the other side of the rope dark: what is connected may be much darker.
-    dark = _dark(grey, sure)
-    lowest = dark + SHADE * (float(np.median(grey[sure])) - dark)
+    # How bright the rope is, a pillar before it does not tell.
+    dark, narrow = _dark(grey, sure), _without_blocks(sure, frame, index)
+    lowest = dark + SHADE * (float(np.median(grey[narrow if narrow.any() else sure])) - dark)
     rope = np.asarray(grey >= lowest, dtype=np.bool_)
     window = _window(rope)
     count, labels = cv2.connectedComponents(rope[window].astype(np.uint8), connectivity=8)

@@ -12,7 +12,7 @@ from scipy.optimize import Bounds, OptimizeResult, least_squares
 
 from dlolib.errors import ParameterError, SimulationError
 from dlolib.identify.intervals import bootstrap
-from dlolib.identify.parameters import SOFTEST_M4_S2, Unknown, acting, candidates, unbent, within
+from dlolib.identify.parameters import SOFTEST_M4_S2, Unknown, acting, candidates, unbent
 from dlolib.identify.problem import Bools, Problem, axes, check_held_ends, check_one_object
 from dlolib.progress import track
 from dlolib.sim.continuum import MOST_CORRECTIONS, mesh_error, refined, stands
@@ -281,14 +281,13 @@ def _solve(
     problem: Problem, theta: Floats, settings: IdentifySettings, history: list[Floats]
 ) -> OptimizeResult:
     history.append(theta.copy())
-    density = problem.rods[0].rope.linear_density_kg_m
 
     def note(intermediate_result: OptimizeResult) -> None:
         history.append(intermediate_result.x.copy())
 
     return least_squares(
         problem.residuals, theta, problem.jacobian, x_scale=np.array([u.scale for u in problem.unknowns]),
-        bounds=Bounds(*np.array([within(density) if u.stiffness else u.bounds for u in problem.unknowns]).T),
+        bounds=Bounds(*problem.bounds),
         max_nfev=settings.iterations, ftol=1e-8, xtol=1e-8, gtol=1e-12, callback=note,
     )  # fmt: skip
 

@@ -11,7 +11,7 @@ from scipy.optimize import approx_fprime
 
 from dlolib.errors import ParameterError
 from dlolib.formats import interpolate_motion
-from dlolib.identify.parameters import Unknown
+from dlolib.identify.parameters import Unknown, within
 from dlolib.sim.poses import Model
 from dlolib.sim.rod import Rod
 from dlolib.sim.upright import unrolled
@@ -42,6 +42,13 @@ class Problem:
     used: tuple[Bools, ...]
     offsets: tuple[Floats, ...]
     unknowns: tuple[Unknown, ...]
+
+    @property
+    def bounds(self) -> tuple[Floats, Floats]:
+        """Lowest and highest coordinates (N,) each."""
+        density = self.rods[0].rope.linear_density_kg_m
+        low, high = np.array([within(density) if u.stiffness else u.bounds for u in self.unknowns]).T
+        return low, high
 
     def rod(self, k: int, theta: Floats) -> Rod:
         """The rod of recording k at the coordinates theta (N,)."""

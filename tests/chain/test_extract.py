@@ -133,6 +133,33 @@ def test_arc_lengths_of_a_free_rope_of_another_length_stay_within_the_known_one(
     assert np.linalg.norm(np.diff(seen, axis=0), axis=1).sum() == pytest.approx(0.445, abs=3e-3)
 
 
+def test_a_frame_in_which_the_rope_has_not_its_length_is_said_and_left_out(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Held at both ends it is all there: what is missing was not found, and arc lengths are off."""
+    axes = [wave(0.6), 0.8 * wave(0.6), wave(0.6)]
+    write_capture(tmp_path / "held", axes, Scene(noisy=False))
+    source = open_capture(tmp_path / "held")
+    index = replace(source.index, static_frames=(1, 1), heldout_frames=(1, 2))
+    result = extract_chain(ImageFolder(index))
+    says = "tube: the rope is 0.445 m long, and 0.356 to 0.356 m were measured in frames 1; left out"
+    assert says in caplog.text
+    write_recording(result.recording, tmp_path / "out")
+    read = read_recording(tmp_path / "out")
+    assert set(read.points.frame) == {0, 2}
+    assert read.static_frames is None and read.heldout_frames == (1, 2)
+    assert result.metrics()["frames_left_out"] == 1 and len(result.frames) == 3
+
+
+def test_a_rope_that_never_has_its_length_is_refused(tmp_path: Path) -> None:
+    write_capture(tmp_path / "held", [wave(0.6)], Scene(noisy=False))
+    index = open_capture(tmp_path / "held").index
+    index = replace(index, rope=replace(index.rope, length_m=1.2 * index.rope.length_m))
+    with pytest.raises(ChainError, match="tube: the rope is 0.534 m .* in every frame 0.445 to") as told:
+        extract_chain(ImageFolder(index))
+    assert told.value.place == "object.length_m"
+
+
 def test_rope_by_its_colour_and_by_a_mask_from_outside() -> None:
     axis = wave(0.6)
     frame, index = seen_by(axis, Scene(rope_level=90))

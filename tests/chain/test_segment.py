@@ -62,6 +62,22 @@ def test_a_pillar_brighter_than_the_dark_is_no_rope() -> None:
     assert np.sqrt(np.mean(away**2)) < 1.5e-3 and len(chain.s_m) > 22
 
 
+def test_a_wide_board_does_not_tell_how_bright_the_rope_is() -> None:
+    """Else a clamp counted that is half as bright as the board and touches the rope."""
+    frame, index = seen()
+    assert frame.color is not None
+    color, bright = frame.color.copy(), frame.color[..., 0] > 60
+    rows, columns = np.nonzero(bright)
+    first = int(columns.min())
+    row = int(rows[columns == first].mean())
+    clamp = np.zeros_like(bright)
+    clamp[row - 4 : row + 4, first - 24 : first] = True
+    color[clamp & ~bright] = 32
+    color[420:] = 70
+    mask = segment(replace(frame, color=color), index, ChainSettings()).mask
+    assert mask[bright].mean() > 0.9 and mask[clamp & ~bright].mean() < 0.1
+
+
 @pytest.mark.parametrize("what", ["color", "depth", "both"])
 def test_what_differs_from_the_empty_scene(what: str, tmp_path: Path) -> None:
     # A rope as dark as a cluttered table is nearer than it; a bright one differs in colour, too.
