@@ -75,10 +75,12 @@ def seal(answers: Path) -> str:
 
 
 def alike(book: Path, version: str, but_intervals: bool = False) -> set[str]:
-    """This version and all whose verdicts were found to be the same, byte for byte (`stages.proof_same`); or
-    to be judged the same, their intervals left out."""
+    """This version and all whose verdicts were found to be the same, byte for byte (`stages.proof_same`), in
+    every shard that was compared; or to be judged the same, their intervals left out."""
     key = "judged_otherwise" if but_intervals else "differ"
-    pairs = [{row["version"], row["as"]} for row in compared(book) if not row[key]]
+    rows = compared(book)
+    apart = [{row["version"], row["as"]} for row in rows if row[key]]
+    pairs = [pair for row in rows if (pair := {row["version"], row["as"]}) not in apart]
     found = {version}
     while more := {one for pair in pairs if pair & found for one in pair} - found:
         found |= more

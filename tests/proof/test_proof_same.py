@@ -86,11 +86,13 @@ def test_what_is_judged_otherwise_makes_two_versions(command: str, monkeypatch: 
 
 
 def test_sameness_goes_on_from_version_to_version(tmp_path: Path) -> None:
-    pairs = [("b", "a", []), ("c", "b", []), ("d", "c", ["000"])]
+    # what one shard showed alike another tells apart
+    pairs = [("b", "a", []), ("c", "b", []), ("d", "c", ["000"]), ("e", "c", []), ("e", "c", ["001"])]
     compared = [{"version": new, "as": old, "differ": differ} for new, old, differ in pairs]
     (tmp_path / book.SAME).write_text(json.dumps({"compared": compared}))
     assert book.alike(tmp_path, "a") == {"a", "b", "c"}
     assert book.alike(tmp_path, "d") == {"d"}
+    assert book.alike(tmp_path, "e") == {"e"}
 
 
 def test_what_is_in_no_commit_is_no_version(command: str, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
