@@ -42,7 +42,11 @@ def read_mask(path: Path, camera: Camera) -> Mask:
     _check_size(image, camera, path, None)
     if image.dtype != np.uint8 or image.ndim != 2:
         raise FormatError(f"is {_kind(image)}, not 8-bit grey", file=path, mend="save the mask as 8-bit grey")
-    return np.asarray(image > 127, dtype=np.bool_)
+    bright = np.asarray(image > 127, dtype=np.bool_)
+    if image.any() and not bright.any():
+        problem = f"is no brighter than {image.max()} of 255 anywhere"
+        raise FormatError(problem, file=path, mend="save the rope as white (255) on black (0)")
+    return bright
 
 
 def check_backgrounds(color: Path | None, depth: Path | None, camera: Camera) -> None:
