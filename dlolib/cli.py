@@ -149,9 +149,10 @@ def simulate(
     """Simulate a recording's points with a rod under the recording's own motion: dlo-recording/1."""
     from dlolib.formats import write_recording
     from dlolib.identify import FINER, particles_for
-    from dlolib.sim.continuum import simulated
+    from dlolib.sim.continuum import SIMULATED, simulated
 
-    check_out(out, "recording.json", recording, fit, verdict)
+    # any recording has that file
+    check_out(out, "recording.json", recording, fit, verdict, said=f'"{SIMULATED}')
     read = _recording(recording, quasi_static)
     known = rope_values(read.rope, read.name, _known(fit, verdict), parse_values(values or []))
     given = replace(read, rope=known.rope)
@@ -231,14 +232,21 @@ def learn(
     values: Values = None,
 ) -> None:
     """Learn how to move the held end so that the rope reaches the goal shape without contact."""
-    from dlolib.formats import read_layout
+    from dlolib.formats import read_layout, say
+    from dlolib.identify import particles_for
     from dlolib.learn import learn as learn_layout
     from dlolib.learn import write_learned
+    from dlolib.sim.effects import of_the_rope
 
     check_out(out, "policy.npz", layout, fit, verdict)
-    goal, settings = read_layout(layout), _learn_settings()
+    goal = read_layout(layout)
+    settings = replace(_learn_settings(), particles=particles_for(goal.rope.length_m, _identify_settings()))
     known = rope_values(goal.rope, goal.name, _known(fit, verdict), parse_values(values or []))
-    learned = learn_layout(replace(goal, rope=known.rope), _rod(known, settings.particles), settings)
+    parameters, stay = of_the_rope(known.parameters)
+    if stay:
+        say([f"{', '.join(stay)}: of the recording and not of the rope, left out"])
+    rod = _rod(replace(known, parameters=parameters), settings.particles)
+    learned = learn_layout(replace(goal, rope=known.rope), rod, settings)
     write_learned(learned, out)
     kept = learned.kept
     clear = "" if learned.free else "; no path with the clearance asked for was found"
@@ -265,8 +273,11 @@ def execute(
         raise ParameterError(
             "the laboratory has no robot", place="--robot", mend="leave it out, or give --host"
         )
-    # a robot's log is no result of the laboratory
-    check_out(out, "log.csv" if layout is None else ("log.csv", "shapes.csv"), trajectory, layout, robot)
+    # a robot's log is no result of the laboratory, nor the reverse
+    if layout is None:
+        check_out(out, "log.csv", trajectory, robot, never="shapes.csv")
+    else:
+        check_out(out, ("log.csv", "shapes.csv"), trajectory, layout, never="robot.json")
     if host is not None:
         from dlolib.execute import execute_on_robot, read_robot
 
@@ -294,7 +305,10 @@ def _execute_in_lab(trajectory: Path, layout: Path, out: Path) -> None:
     with whole_folder(out) as folder:
         execution.write(folder)
     for law, outcome in execution.laws.items():
-        _say(f"{out}: {law} rope, mean goal error {1e3 * outcome.goal_error_m['mean']:.1f} mm")
+        clear = (
+            "" if outcome.min_clearance_m is None else f", clearance {1e3 * outcome.min_clearance_m:.1f} mm"
+        )
+        _say(f"{out}: {law} rope, mean goal error {1e3 * outcome.goal_error_m['mean']:.1f} mm{clear}")
 
 
 @app.command()
@@ -396,7 +410,6 @@ def _learn_settings() -> LearnSettings:
     block = params.learn
     return LearnSettings(
         **block.model_dump(exclude={"verdict_of", "ablation", "bounds", "hidden"}),
-        particles=params.rod.particles,
         hidden=(block.hidden[0], block.hidden[1]),
         bounds=(
             block.bounds.phi_rad,

@@ -8,13 +8,17 @@ from pathlib import Path
 from dlolib.errors import FormatError
 
 
-def check_out(out: Path, known_by: str | tuple[str, ...], *inputs: Path | None) -> None:
+def check_out(
+    out: Path, known_by: str | tuple[str, ...], *inputs: Path | None, said: str = "", never: str = ""
+) -> None:
     """Refuse a folder to write before any work is done, where writing it would fail or destroy something.
 
     Args:
         out: the folder; an earlier result in it is replaced whole.
         known_by: the file or files by which a folder is known as an earlier result of the same command.
         inputs: what is read.
+        said: what the first of these files says, where others have a file of that name.
+        never: a file that only another command's result has.
 
     Raises:
         FormatError: it is or holds the working folder or an input, is no folder, holds what is no result
@@ -32,12 +36,15 @@ def check_out(out: Path, known_by: str | tuple[str, ...], *inputs: Path | None) 
         raise FormatError("is a link", file=out, mend="give the folder itself")
     if out.exists() and not out.is_dir():
         raise FormatError("is a file", file=out, mend="give a folder")
-    missing = [
-        name for name in ([known_by] if isinstance(known_by, str) else known_by) if not (out / name).is_file()
-    ]
-    if out.is_dir() and any(out.iterdir()) and missing:
-        problem = f"holds files, and no {missing[0]} of an earlier run"
-        raise FormatError(problem, file=out, mend=elsewhere)
+    marks = [known_by] if isinstance(known_by, str) else known_by
+    if out.is_dir() and any(out.iterdir()):
+        missing = next((name for name in marks if not (out / name).is_file()), None)
+        if missing is None and said and said.encode() not in (out / marks[0]).read_bytes():
+            missing = marks[0]
+        if missing is not None:
+            raise FormatError(f"holds files, and no {missing} of an earlier run", file=out, mend=elsewhere)
+        if never and (out / never).is_file():
+            raise FormatError(f"holds {never}, another command's", file=out, mend=elsewhere)
     above = next(folder for folder in whole.parents if folder.exists())
     if not above.is_dir():
         raise FormatError("is a file", file=above, mend="give a folder")

@@ -30,8 +30,9 @@ from dlolib.identify.problem import Problem
 from dlolib.progress import track
 from dlolib.sim.begun import BegunModel
 from dlolib.sim.continuum import refined
-from dlolib.sim.recording import FIRST, RecordingModel, dynamic_step
+from dlolib.sim.recording import FIRST, RecordingModel
 from dlolib.sim.rod import Rod, unit_of
+from dlolib.sim.steps import dynamic_step
 from dlolib.sim.upright import ROLL, ROLLS, upright
 from dlolib.types import Floats, Points, Recording
 from stages import REPORTS, known, run

@@ -13,8 +13,9 @@ from scipy.optimize import least_squares
 
 from dlolib.identify import FINER
 from dlolib.sim.continuum import MOST_CORRECTIONS, mesh_error, refined, stands
-from dlolib.sim.recording import Prediction, RecordingModel
+from dlolib.sim.recording import RecordingModel
 from dlolib.sim.rod import Rod
+from dlolib.sim.sides import Prediction
 from dlolib.sim.simulate import Clock, Rollout
 from dlolib.types import Ends, Floats, Points, Recording
 from stages import peers

@@ -165,8 +165,8 @@ def _events(model: RecordingModel, rod: Rod) -> Floats:
 def _adjoint_error(model: RecordingModel, rod: Rod, parameters: list[str]) -> float:
     """The adjoint's derivatives of a random linear loss against the sensitivities', of one roll-out."""
     from dlolib.sim.differentiate import Case, Variation
-    from dlolib.sim.recording import sides_of
     from dlolib.sim.rod import scene_of
+    from dlolib.sim.sides import sides_of
 
     moved = model.roll_out(rod)
     ways = []

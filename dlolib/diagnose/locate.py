@@ -21,8 +21,8 @@ from dlolib.diagnose.study import Seen, Study
 from dlolib.formats import interpolate_motion
 from dlolib.identify.problem import axes
 from dlolib.sim.effects.base import Setup
-from dlolib.sim.recording import Sides
 from dlolib.sim.scene import REST, STIFFNESS
+from dlolib.sim.sides import Sides
 from dlolib.types import Floats, Ints, Motion, Place, Recording
 
 PLACES = 12

@@ -22,8 +22,9 @@ from dlolib.sim.effects import EFFECTS, parameter
 from dlolib.sim.effects.base import Hint, forms, sizes
 from dlolib.sim.moments import moments
 from dlolib.sim.poses import Model, model_of, near
-from dlolib.sim.recording import RecordingModel, dynamic_step, first_points
+from dlolib.sim.recording import RecordingModel, first_points
 from dlolib.sim.rod import STIFFNESSES, Rod
+from dlolib.sim.steps import dynamic_step
 from dlolib.sim.upright import ROLL, ROLLS
 from dlolib.types import Floats, Recording
 

@@ -17,8 +17,8 @@ from dlolib.identify.problem import Bools, Problem, axes, check_held_ends, check
 from dlolib.progress import track
 from dlolib.sim.continuum import MOST_CORRECTIONS, mesh_error, refined, stands
 from dlolib.sim.poses import model_of, near
-from dlolib.sim.recording import dynamic_step
 from dlolib.sim.rod import Rod, unit_of
+from dlolib.sim.steps import dynamic_step
 from dlolib.sim.upright import ROLL, ROLLS
 from dlolib.types import Estimate, Fit, Floats, Recording
 
@@ -343,7 +343,8 @@ def _estimate(problem: Problem, unknown: Unknown, value: float, low: float, high
     unit = unit_of(unknown.name)
     if unknown.stiffness and not _weighed(problem):
         unit = "m^4/s^2"
-    return Estimate(unknown.outward(value), unknown.outward(low), unknown.outward(high), unit)
+    from_, to = (unknown.outward(end) if np.isfinite(end) else None for end in (low, high))
+    return Estimate(unknown.outward(value), from_, to, unit)
 
 
 def estimate_name(problem: Problem, unknown: Unknown) -> str:

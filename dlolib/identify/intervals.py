@@ -12,6 +12,8 @@ from dlolib.types import Floats, Ints
 BLOCKS = 12
 # With fewer distinct poses than this, resampling frames would only tell how well one pose was measured.
 FEWEST_POSES = 4
+# Fewer blocks than this say nothing of how they differ.
+FEWEST_BLOCKS = 3
 
 
 def blocks(model: Model, used: Bools) -> Ints:
@@ -30,13 +32,15 @@ def blocks(model: Model, used: Bools) -> Ints:
 
 
 def bootstrap(problem: Problem, theta: Floats, resamples: int, seed: int) -> tuple[Floats, Floats]:
-    """Ends of the 95 % percentile intervals of theta, each shape (N,).
+    """Ends of the 95 % percentile intervals of theta, each shape (N,); NaN where too little was seen to tell.
 
     Each resample draws blocks with replacement and takes one Gauss-Newton step from the optimum, which is
     the refit to first order.
     """
     residuals, jacobian = problem.residuals(theta), problem.jacobian(theta)
     normal, pull = _per_block(problem, residuals, jacobian)
+    if len(normal) < FEWEST_BLOCKS:
+        return np.full_like(theta, np.nan), np.full_like(theta, np.nan)
     numbers = np.arange(len(normal))
 
     def refit(drawn: Floats) -> Floats:
@@ -60,7 +64,8 @@ def _per_block(problem: Problem, residuals: Floats, jacobian: Floats) -> tuple[F
     """J^T J and J^T r of each block, (K, N, N) and (K, N)."""
     labels, first = [], 0
     for model, used in zip(problem.models, problem.used, strict=True):
-        label = blocks(model, used)
+        # a stretch in which nothing was seen is no block
+        label = np.unique(blocks(model, used), return_inverse=True)[1]
         per_point = 2 if model.recording.planar else 3
         labels.append(np.repeat(label + first, per_point))
         first += int(label.max()) + 1

@@ -18,8 +18,9 @@ from dlolib.errors import SimulationError
 from dlolib.formats import interpolate_motion
 from dlolib.sim.differentiate import Tangent, zero_tangent
 from dlolib.sim.effects.base import Setup
-from dlolib.sim.recording import RecordingModel, Sides
+from dlolib.sim.recording import RecordingModel
 from dlolib.sim.rod import Rod, scene_of
+from dlolib.sim.sides import Sides
 from dlolib.sim.simulate import Clock, Path, Rollout, State, roll_out
 from dlolib.sim.start import frames_along
 from dlolib.sim.upright import upright
@@ -52,7 +53,6 @@ class BegunModel(RecordingModel):
         """One step before the first frame, drawn to the rope's length; how fast it is `_state` says."""
         if not made.moving:
             return super()._at_rest(made)
-        self._check_speed()
         rec, path = self.recording, self.path(made, self.times(made)[:1])
         place, speed = self._seen
         x = place - (self.step_s or 0.0) * speed

@@ -13,14 +13,17 @@ import numpy as np
 
 from dlolib.sim.begun import motion_model
 from dlolib.sim.poses import Model
-from dlolib.sim.recording import RecordingModel, dynamic_step
+from dlolib.sim.recording import RecordingModel
 from dlolib.sim.rod import Rod
+from dlolib.sim.steps import dynamic_step
 from dlolib.types import Floats, Recording
 
 # A mesh's error is made anew at a fit's own optimum until it changes by no more than this share of the
 # length, and so often at most: each time leaves some 3 % of what the stiffness was off at n = 30, 15 % at
 # n = 15.
 STANDS, MOST_CORRECTIONS = 1e-5, 6
+# How the source of simulated points begins.
+SIMULATED = "dlo simulate"
 
 
 def refined(model: Model, finer: int) -> Model:
@@ -73,7 +76,7 @@ def simulated(
     if finer > 1 and sweeps is None:
         xyz = xyz + mesh_error(model, refined(model, finer), rod)
     points = replace(recording.points, xyz_m=xyz, covariance_m2=None)
-    told = f"dlo simulate {recording.name}"
+    told = f"{SIMULATED} {recording.name}"
     return replace(recording, points=points, source=told, position_noise_m=0.0, noise=None)
 
 

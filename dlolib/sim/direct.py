@@ -74,10 +74,11 @@ def roll_out(
                     begin(joints, past, b, b, t - 1, i, 0)
             predict(b, t, x, q, first, end_x, end_q, grips, clamped)
             pieces, found, whole = 1, CONVERGED, steps[b, t, 0]
-            if ti.static(not plain) and obstacles.shape[1] > 0 and fresh == 0:
-                far = way_of(b, t, x, q, end_x, end_q, segments, grips, clamped)
-                most_m = farthest(b, t, far, x, steps, segments, contacts, obstacles)
-                pieces = ti.max(int(ti.ceil(ti.min(far / most_m, MOST_PIECES + 1.0))), 1)
+            if ti.static(not plain):
+                if obstacles.shape[1] > 0 and fresh == 0:
+                    far = way_of(b, t, x, q, end_x, end_q, segments, grips, clamped)
+                    most_m = farthest(b, t, far, x, steps, segments, contacts, obstacles)
+                    pieces = ti.max(int(ti.ceil(ti.min(far / most_m, MOST_PIECES + 1.0))), 1)
             if alive and pieces > MOST_PIECES:
                 alive, found = False, TOO_FAR
             for piece in range(pieces if alive else 0):

@@ -185,7 +185,7 @@ def equilibrium(
     shift, enough, damping = 0.0, 0.0, 0.0
     shifted, exact, fresh_base = False, False, False
     # friction first by the limits of the step before, which makes it a potential; then in full
-    lagged, rounds, again, noted = rough, 1, 1, False
+    lagged, rounds, again, noted, nearer = rough, 1, 1, False, False
     # first with the segments' forces as unknowns of their own, those of the step before to begin with
     mixed = 1 - rough
     astray = False
@@ -226,8 +226,7 @@ def equilibrium(
             # the contacts' state goes to and fro: back to the base, with its limits, and nearer with
             # limits noted again and again
             stand(b, t, x, q, base_x, base_q, y, 0.0)
-            note_limits(b, t, x, contacts, obstacles, limits)
-            lagged, noted = 1, True
+            lagged, noted, nearer = 1, True, True
             rounds = ti.min(4 * rounds, 256)
             again = rounds
             lowest, least, step, fraction = 1e300, 1e300, 1e300, 1.0
@@ -287,8 +286,9 @@ def equilibrium(
                     base_q[b, i] = q[b, t, i]
                 if mixed == 1:
                     note_forces(b, t, x, q, segments, steps, y, fraction, expected)
-                if lagged == 1:
-                    note_pulls(b, t, base_x, x, y, slip, limits)
+                if ti.static(not plain):
+                    if lagged == 1:
+                        note_pulls(b, t, base_x, x, y, slip, limits)
                 stand(b, t, x, q, base_x, base_q, y, fraction)
                 met = False
                 if exact:
@@ -302,9 +302,8 @@ def equilibrium(
                     met = noted and step < tolerance
                     noted = False
                     if step < LAGGED_ENOUGH / rounds and not met:
-                        note_limits(b, t, x, contacts, obstacles, limits)
                         again -= 1
-                        lagged, noted = 1 if again > 0 else 0, True
+                        lagged, noted, nearer = 1 if again > 0 else 0, True, True
                         lowest, least, step = 1e300, 1e300, 1e300
                 else:
                     bend = QUADRATIC_MIXED_1_M if mixed == 1 else QUADRATIC_1_M
@@ -318,6 +317,11 @@ def equilibrium(
                     exact, lagged, step = True, 0, 1e300
                 elif met:
                     done, found = True, CONVERGED
-    if rough == 1:
-        note_limits(b, t, x, contacts, obstacles, limits)
+        if ti.static(not plain):
+            if nearer:
+                note_limits(b, t, x, contacts, obstacles, limits)
+                nearer = False
+    if ti.static(not plain):
+        if rough == 1:
+            note_limits(b, t, x, contacts, obstacles, limits)
     return found, count, kept

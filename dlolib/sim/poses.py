@@ -22,20 +22,12 @@ from dlolib.sim.begun import STANDARD_GRAVITY_M_S2, motion_model
 from dlolib.sim.differentiate import Case, Variation, sensitivities
 from dlolib.sim.effects.base import Setup
 from dlolib.sim.observe import point_weights, viewing_axis
-from dlolib.sim.recording import (
-    Prediction,
-    RecordingModel,
-    Sides,
-    as_seen,
-    check_mesh,
-    held_path,
-    largest_step,
-    sides_of,
-    traced,
-)
+from dlolib.sim.recording import RecordingModel, check_mesh, held_path
 from dlolib.sim.rod import Rod, scene_of, setup
+from dlolib.sim.sides import Prediction, Sides, as_seen, sides_of, traced
 from dlolib.sim.simulate import Path, Rollout, State
 from dlolib.sim.start import curve_through, frames_along, settle
+from dlolib.sim.steps import largest_step
 from dlolib.sim.upright import upright
 from dlolib.types import Floats, Ints, Motion, Pose, Recording
 

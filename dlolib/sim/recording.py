@@ -6,7 +6,7 @@ import contextlib
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -15,44 +15,19 @@ from dlolib.errors import ParameterError, SimulationError
 from dlolib.formats import interpolate_motion
 from dlolib.sim import iterative
 from dlolib.sim.differentiate import Case, Tangent, Variation, sensitivities, zero_tangent
-from dlolib.sim.effects import LAWS, parameter
-from dlolib.sim.effects.base import Camera, Setup, sizes
-from dlolib.sim.observe import Sampling, point_weights, sampling_of, seen, turned, viewing_axis
-from dlolib.sim.rod import STIFFNESSES, Rod, scene_of, setup
+from dlolib.sim.effects.base import Setup
+from dlolib.sim.observe import Sampling, point_weights, sampling_of, viewing_axis
+from dlolib.sim.rod import Rod, scene_of, setup
+from dlolib.sim.sides import Prediction, Sides, as_seen, sides_of, traced
 from dlolib.sim.simulate import Clock, Path, Rollout, State, roll_out
 from dlolib.sim.start import first_shape, released, settle
+from dlolib.sim.steps import check_speed, dynamic_times, quasi_static_times
 from dlolib.types import Floats, Motion, Points, Pose, Recording
 
-# Between two quasi-static steps an end moves and turns at most this much, so that the rope follows its
-# branch where several equilibria exist; a rope that remembers its way takes shorter ones.
-LARGEST_MOVE_M, LARGEST_TURN_RAD = 0.01, 0.1
-REMEMBERED = 0.4
-# Frames so close to each other in way, in units of that step, and in time, as a share of the recording, are
-# not each solved for: between them the rope goes in a straight line but for some 0.01 % of its length, 0.2 %
-# where it swings far for what its ends do.
-CLOSE, BRIEF = 0.25, 0.01
-# A difference for a derivative is no smaller a share of the value than this; a law's trace, in differences.
-LEAST_DIFFERENCE, TRACE = 1e-9, 10.0
-# A step of the dynamic clock follows an end by this share of the rope's length and by this turn.
-FOLLOWED, FOLLOWED_RAD = 0.25, 1.0
-# A roll-out of so many steps takes all of a machine's memory.
-MOST_STEPS = 1_000_000
 # Frames that tell where a rope was when it was seen first, and how fast.
 FIRST = 3
-# Dynamic steps between two rows of the motion: what is recorded so often moves that fast.
-STEPS_A_ROW = 4
-
 
 Made = TypeVar("Made")
-Sides = tuple[Setup, Setup, float]
-
-
-@dataclass(frozen=True)
-class Prediction:
-    """Simulated points (P, 3) [m] and their derivatives (P, 3, N) by the N parameters asked for."""
-
-    xyz_m: Floats
-    by_parameter: Floats
 
 
 @dataclass(frozen=True)
@@ -115,36 +90,10 @@ class RecordingModel:
 
     def _sampled(self, remembers: bool, moving: bool) -> Sampling:
         points, length = self.recording.points, self.recording.rope.length_m
-        times = self._step_times(self.step_s if moving else None, REMEMBERED if remembers else 1.0)
+        times = self._dynamic_times if moving else quasi_static_times(self.recording, remembers)
         return sampling_of(points.t_s, times, point_weights(points, length, self.particles))
 
-    @cached_property
-    def _hastiest(self) -> tuple[float, float, float, float]:
-        """The dynamic step that is hardest to follow: how hard, when [s], an end's way [m] and turn [rad]."""
-        times = self._step_times(self.step_s, 1.0)
-        poses = interpolate_motion(self.recording.motion, times)
-        ways = [np.linalg.norm(np.diff(m, axis=0), axis=1) for m in (poses.start_m, poses.end_m)]
-        cosines = [np.sum(q[1:] * q[:-1], axis=1) for q in (poses.start_q, poses.end_q)]
-        way = np.nan_to_num(ways).max(axis=0)
-        turn = 2 * np.arccos(np.clip(np.nan_to_num(cosines, nan=1.0), -1, 1)).max(axis=0)
-        hard = np.maximum(way / (FOLLOWED * self.recording.rope.length_m), turn / FOLLOWED_RAD)
-        worst = int(np.argmax(hard))
-        return float(hard[worst]), float(times[worst]), float(way[worst]), float(turn[worst])
-
-    def _check_speed(self) -> None:
-        hard, time_s, way, turn = self._hastiest
-        if hard > 1:
-            slow_enough_s = 0.9 * (self.step_s or 0.0) / hard
-            raise SimulationError(
-                f"from t_s = {time_s:g} on an end moves {way:.3g} m and turns {turn:.2g} rad in a step of "
-                f"{self.step_s:g} s, which follows {FOLLOWED * self.recording.rope.length_m:.3g} m "
-                f"and {FOLLOWED_RAD:g} rad at most",
-                mend=f"give rod.time_step_s of {slow_enough_s:.2g} or less, or correct motion.csv",
-            )
-
     def _at_rest(self, made: Setup) -> Rollout:
-        if made.moving:
-            self._check_speed()
         path = self.path(made, self.times(made)[:1])
         if not self._held:
             nowhere = Path(path.x[:, :0], path.q[:, :0])
@@ -184,9 +133,13 @@ class RecordingModel:
         """Whether anybody holds the rope; else it falls from where it was seen first."""
         return "clamped" in (self.recording.ends.start, self.recording.ends.end)
 
-    def _step_times(self, step_s: float | None, share: float) -> Floats:
-        begin_s = None if step_s is None else self._begin_s(step_s)
-        return _step_times(self.recording, step_s, share, begin_s)
+    @cached_property
+    def _dynamic_times(self) -> Floats:
+        """Of the dynamic clock, whose steps follow the motion."""
+        step_s = self.step_s or 0.0
+        times_s = dynamic_times(self.recording, step_s, self._begin_s(step_s))
+        check_speed(self.recording, times_s, step_s)
+        return times_s
 
     def _begin_s(self, step_s: float) -> float:
         """When the first step of the dynamic clock ends [s]."""
@@ -279,43 +232,6 @@ class Kept:
         return self._results[key]  # type: ignore[no-any-return]
 
 
-def as_seen(
-    xyz_m: Floats,
-    camera: Camera,
-    axis: Floats,
-    sides: Sequence[Sides],
-    moved: Callable[[Sequence[Sides]], Floats],
-) -> Prediction:
-    """True points (P, 3) [m] as the camera shows them, and their derivatives by what tells each two sides.
-
-    `moved` gives the true points' derivatives (P, C, 3) by those that move the rope; what moves the camera
-    alone needs no simulation.
-    """
-    moving = [k for k, (one, other, _) in enumerate(sides) if not one.moves_as(other)]
-    by = np.zeros((*xyz_m.shape, len(sides)))
-    if moving:
-        by[:, :, moving] = np.moveaxis(turned(moved([sides[k] for k in moving]), camera), 1, 2)
-    for k, (one, other, width) in enumerate(sides):
-        by[:, :, k] += (seen(xyz_m, one.camera, axis) - seen(xyz_m, other.camera, axis)) / width
-    return Prediction(seen(xyz_m, camera, axis), by)
-
-
-def traced(rod: Rod, parameters: Sequence[str]) -> Rod:
-    """The rod with a trace of every law whose size is one of the parameters and neutral.
-
-    A law that is not there remembers nothing, and what a little of it would remember is most of its
-    derivative.
-    """
-    traces = {}
-    for law in LAWS:
-        for part in sizes(law):
-            name = f"{law.NAME}.{part}"
-            known = parameter(name)
-            if name in parameters and rod.value(name) == known.neutral and np.isfinite(known.neutral):
-                traces[name] = known.neutral + TRACE * known.difference * known.scale
-    return rod.with_values(traces) if traces else rod
-
-
 def check_mesh(rod: Rod, particles: int) -> None:
     """Refuse a rod of another mesh than a model's: the kernels trust that arrays fit.
 
@@ -325,24 +241,6 @@ def check_mesh(rod: Rod, particles: int) -> None:
     if rod.particles != particles:
         problem = f"a rod of {rod.particles} particles where the recording's model has {particles}"
         raise ParameterError(problem, mend=f"give rod.with_particles({particles})")
-
-
-class Settable(Protocol):
-    """What puts a rod into its surroundings."""
-
-    def setup(self, rod: Rod) -> Setup: ...
-
-
-def sides_of(model: Settable, rod: Rod, name: str) -> Sides:
-    """The set-ups with a parameter a little more and a little less, and how much lies between."""
-    value = rod.value(name)
-    step = 1e-4 * value
-    if name not in STIFFNESSES:
-        known = parameter(name)
-        step = max(known.difference * known.scale, LEAST_DIFFERENCE * abs(value))
-    ahead, behind = value + step, value - step
-    made = (model.setup(rod.with_values({name: side})) for side in (ahead, behind))
-    return (*made, ahead - behind)  # type: ignore[return-value]
 
 
 def held_path(motion: Motion, made: Setup) -> Path:
@@ -365,73 +263,3 @@ def first_points(recording: Recording) -> Points:
     points = recording.points
     first = np.isin(points.frame, np.unique(points.frame)[:FIRST])
     return Points(points.frame[first], points.t_s[first], points.s_m[first], points.xyz_m[first])
-
-
-def _step_times(recording: Recording, step_s: float | None, share: float, begin_s: float | None) -> Floats:
-    """When to solve: every dt, or without one at the frames, the rows and as many between.
-
-    `share`: of the largest step that the ends may take; begin_s: when the first dt ends.
-    """
-    rows, frames = recording.motion.t_s, np.unique(recording.points.t_s)
-    if step_s is not None and begin_s is not None:
-        begin = begin_s
-        last = max(frames[-1], begin + step_s)
-        if last - begin > MOST_STEPS * step_s:
-            problem = f"{last - begin:g} s in steps of {step_s:g} s are more than {MOST_STEPS:,} steps"
-            raise SimulationError(problem, mend="look for a jump of the clock in t_s")
-        return np.asarray(begin + step_s * np.arange(np.ceil((last - begin) / step_s - 1e-9) + 1))
-    frames = np.unique(np.concatenate([rows[:1], frames]))
-    fine = np.unique(np.concatenate([frames, rows[rows <= frames[-1]]]))
-    gone = np.concatenate([[0.0], np.cumsum(_ways(interpolate_motion(recording.motion, fine)))])
-    return _evenly(_marks(frames, np.interp(frames, fine, gone)), fine, gone, share)
-
-
-def _marks(frames: Floats, gone: Floats) -> Floats:
-    """Frames at which to solve for the rope, the last one too; at others, close between two of these, it is
-    where it goes past in a straight line.
-
-    gone: the ends' way to each frame, in units of the largest step.
-    """
-    brief_s = BRIEF * (frames[-1] - frames[0])
-    kept = [0]
-    for k in range(1, len(frames) - 1):
-        if gone[k + 1] - gone[kept[-1]] > CLOSE or frames[k + 1] - frames[kept[-1]] > brief_s:
-            kept.append(k)
-    return frames[[*kept, len(frames) - 1]] if len(frames) > 1 else frames
-
-
-def _evenly(marks: Floats, fine: Floats, gone: Floats, share: float) -> Floats:
-    """Times from mark to mark, each way in as many equal parts as the largest step asks for; `gone` is the
-    ends' way at the times `fine`.
-
-    Equal steps are what the solver foretells best: its first guess goes on as the last steps went.
-    """
-    at = np.interp(marks, fine, gone)
-    times = [marks[:1]]
-    for first, last, begin, end in zip(marks, marks[1:], at, at[1:], strict=False):
-        parts = max(int(np.ceil((end - begin) / share - 1e-9)), 1)
-        inner = np.interp(begin + (end - begin) * np.arange(1, parts) / parts, gone, fine)
-        times.append(np.append(np.clip(inner, first, last), last))
-    return np.unique(np.concatenate(times))
-
-
-def _ways(poses: Motion) -> Floats:
-    """From each row to the next, in units of the largest step: (T - 1,)."""
-    ways = [np.zeros(len(poses.t_s) - 1)]
-    for x, q in ((poses.start_m, poses.start_q), (poses.end_m, poses.end_q)):
-        along = np.sum(q[1:] * q[:-1], axis=1)
-        half = np.arccos(np.clip(np.abs(along), 0, 1))
-        turned = 2 * np.where(along < 0, np.pi - half, half)
-        ways += [np.linalg.norm(np.diff(x, axis=0), axis=1) / LARGEST_MOVE_M, turned / LARGEST_TURN_RAD]
-    return np.asarray(np.nanmax(ways, axis=0))
-
-
-def largest_step(motion: Motion) -> float:
-    """The largest way between two rows of the motion, in units of the largest quasi-static step."""
-    return float(_ways(motion).max(initial=0.0))
-
-
-def dynamic_step(motion: Motion, longest_s: float) -> float:
-    """A step [s] that follows what the motion's rows tell: a share of the time between two of them."""
-    between_s = float(np.median(np.diff(motion.t_s))) if len(motion.t_s) > 1 else np.inf
-    return min(longest_s, between_s / STEPS_A_ROW)

@@ -13,7 +13,8 @@ import yaml
 from formats import samples
 
 from dlolib.cli import app, run
-from dlolib.formats import read_capture_index, read_fit, read_recording
+from dlolib.formats import read_capture_index, read_fit, read_recording, write_fit
+from dlolib.types import Estimate, Fit
 
 ROOT = Path(__file__).resolve().parents[2]
 COMMANDS = ["ingest", "chain", "simulate", "identify", "diagnose", "learn", "execute", "report"]
@@ -97,7 +98,9 @@ def test_simulate_identify_and_simulate_again(tmp_path: Path) -> None:
     np.testing.assert_array_equal(other.points.s_m, read_recording(recording).points.s_m)
 
 
-def test_learn_then_execute_in_the_laboratory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_learn_then_execute_in_the_laboratory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
     layout = samples.layout_folder(tmp_path / "layout")
     params = yaml.safe_load((ROOT / "params.yaml").read_text(encoding="utf-8"))
     params["learn"] |= {"iterations": 2, "steps": 20, "segments": 2}
@@ -105,7 +108,13 @@ def test_learn_then_execute_in_the_laboratory(tmp_path: Path, monkeypatch: pytes
     params["execute"]["laws"] = ["elastic"]
     (tmp_path / "params.yaml").write_text(yaml.safe_dump(params), encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    assert run(["learn", str(layout), "--set", "bending_stiffness=3e-4", "--out", "learned"]) == 0
+    known = {
+        "bending_stiffness": Estimate(3e-4, None, None, "N m^2"),
+        "end_angle.end_2": Estimate(0.3, 0, 1, "rad"),
+    }
+    write_fit(Fit(known, 0.0, 1, 1), tmp_path / "fit.json")
+    assert run(["learn", str(layout), "--fit", "fit.json", "--out", "learned"]) == 0
+    assert "end_angle: of the recording" in caplog.text
     result = json.loads(Path("learned/result.json").read_text())
     assert result["iterations"] == 2
     assert set(result) >= {"goal_error_m", "min_clearance_m", "contacts", "loss"}

@@ -50,6 +50,16 @@ def test_an_earlier_result_is_replaced(tmp_path: Path) -> None:
     assert not (out / "left.txt").exists()
 
 
+def test_what_was_measured_is_no_result_of_simulation(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    rec, measured = (samples.recording_folder(tmp_path / name) for name in ("rec", "measured"))
+    before = {path: path.read_bytes() for path in measured.iterdir()}
+    assert run(["simulate", str(rec), *VALUES, "--out", str(measured)]) == 2
+    assert {path: path.read_bytes() for path in measured.iterdir()} == before
+    assert "no recording.json of an earlier run" in capfd.readouterr().err
+
+
 @pytest.mark.parametrize("kind", ["recording", "capture"])
 def test_only_a_result_of_the_same_command_is_replaced(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], kind: str
@@ -79,6 +89,16 @@ def test_only_a_result_of_the_same_command_is_replaced(
             "no log.csv",
         ),
         (["execute", "layout/trajectory.csv", "--host", "::1"], ("policy.npz", "result.json"), "no log.csv"),
+        (
+            ["execute", "layout/trajectory.csv", "--host", "::1"],
+            ("log.csv", "shapes.csv"),
+            "holds shapes.csv",
+        ),
+        (
+            ["execute", "layout/trajectory.csv", "--layout", "layout"],
+            ("log.csv", "robot.json", "shapes.csv"),
+            "holds robot.json",
+        ),
     ],
 )
 def test_what_was_learned_and_what_was_run_do_not_replace_each_other(

@@ -58,6 +58,27 @@ def test_no_branch_relaxes_slower_than_the_recording_lasts(study):
     assert low < high
 
 
+def test_the_longest_recording_bounds_what_a_branch_may_take(study):
+    """What fades in a long one is no less real for a short one that begins the study."""
+    one = study.seen[0]
+    points = one.recording.points
+    slower = replace(one.recording, points=replace(points, t_s=3 * points.t_s))
+    both = replace(study, seen=(one, replace(one, model=replace(one.model, recording=slower))))
+    time = Unknown("viscoelastic_bending.relaxation_time")
+    assert both.bounds(time)[1] == pytest.approx(study.bounds(time)[1] + np.log(3))
+    # a moment of the motion is one of the first recording's
+    assert both.span_s == study.span_s
+
+
+def test_each_recording_begins_near_the_rod_in_it():
+    """Where a recording's length differs the rod of another would not fit its mesh's shapes."""
+    short = made({})
+    long = replace(short, rope=replace(short.rope, linear_density_kg_m=2 * short.rope.linear_density_kg_m))
+    both = acting_only(raw_study([short, long], QUICK), FIRST_STIFFNESS_M4_S2)
+    densities = [one.model.near.rope.linear_density_kg_m for one in both.seen]
+    assert densities == [one.rope.linear_density_kg_m for one in (short, long)]
+
+
 def at_once(seen):
     """All of its frames at the same time."""
     points = seen.recording.points

@@ -15,8 +15,9 @@ from dlolib.formats import read_fit, read_recording
 from dlolib.identify import DescentSettings, IdentifySettings, descend, identify, write_identified
 from dlolib.sim.continuum import simulated
 from dlolib.sim.iterative import alpha_b_from_stiffness, stiffness_from_alpha_b
-from dlolib.sim.recording import Prediction, RecordingModel
+from dlolib.sim.recording import RecordingModel
 from dlolib.sim.rod import Rod
+from dlolib.sim.sides import Prediction
 from dlolib.sim.upright import about_axis
 
 WIRES = Path("data/wires")

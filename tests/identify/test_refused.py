@@ -1,6 +1,7 @@
 """Recordings from which no stiffness can be told are refused, not fitted."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from dlolib.errors import ParameterError, SimulationError
 from dlolib.identify import IdentifySettings, identify
 from dlolib.sim.continuum import simulated
 from dlolib.sim.rod import Rod
-from dlolib.types import Recording
+from dlolib.types import Estimate, Recording
 
 QUICK = IdentifySettings(bootstrap=20)
 
@@ -73,7 +74,20 @@ def test_a_clock_that_jumped() -> None:
 
 def test_one_frame_of_a_long_motion_has_an_interval() -> None:
     made = recording()
-    only = made.points.frame == 3
+    found = _found_in(made, made.points.frame == 3)
+    assert found.low is not None and found.high is not None and found.low < EI < found.high
+
+
+def test_one_point_has_no_interval() -> None:
+    """Nothing tells how it differs from others; an interval of no width would say that it is exact."""
+    made = recording()
+    only = (made.points.frame == 3) & (made.points.s_m == made.points.s_m[2])
+    found = _found_in(made, only, parameters=("bending_stiffness",))
+    assert found.low is None and found.high is None and found.value == pytest.approx(EI, rel=0.1)
+
+
+def _found_in(made: Recording, only: np.ndarray, **settings: Any) -> Estimate:
+    """What EI is found in some of the points."""
     points = replace(
         made.points,
         frame=made.points.frame[only],
@@ -82,5 +96,4 @@ def test_one_frame_of_a_long_motion_has_an_interval() -> None:
         xyz_m=made.points.xyz_m[only] + np.random.default_rng(1).normal(0, 2e-4, (int(only.sum()), 3)),
     )
     one: Recording = replace(made, points=points)
-    found = identify([one], QUICK).fit.parameters["bending_stiffness"]
-    assert found.low is not None and found.high is not None and found.low < EI < found.high
+    return identify([one], replace(QUICK, **settings)).fit.parameters["bending_stiffness"]

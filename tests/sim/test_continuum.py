@@ -8,8 +8,9 @@ from sim.ropes import EI, GJ, ROPE
 from sim.test_recording import recording
 
 from dlolib.sim.continuum import mesh_error, refined, simulated
-from dlolib.sim.recording import RecordingModel, dynamic_step
+from dlolib.sim.recording import RecordingModel
 from dlolib.sim.rod import Rod
+from dlolib.sim.steps import dynamic_step
 
 
 def off(model: RecordingModel, finely: RecordingModel) -> tuple[float, float]:

@@ -11,9 +11,10 @@ from sim.ropes import EI, GJ, GRAVITY, LEVEL, ROPE, swing
 from dlolib.errors import ParameterError
 from dlolib.sim import simulate
 from dlolib.sim.differentiate import Case, Cotangent, Variation, gradient, sensitivities, zero_tangent
-from dlolib.sim.effects import EFFECTS, named
-from dlolib.sim.recording import RecordingModel, sides_of
+from dlolib.sim.effects import EFFECTS, named, of_the_rope
+from dlolib.sim.recording import RecordingModel
 from dlolib.sim.rod import Rod, scene_of
+from dlolib.sim.sides import sides_of
 from dlolib.sim.simulate import Clock, roll_out
 from dlolib.types import Ends, Floats, Motion, Obstacle, Points, Recording
 
@@ -284,6 +285,20 @@ def test_what_makes_no_sense_is_refused(effect: str, values: Mapping[str, float]
 @pytest.mark.parametrize("time_s", [-100.0, 1.7e9])
 def test_a_slip_is_at_a_time_of_any_clock(time_s: float) -> None:
     assert named("grasp_slip", {"time": time_s}) == {"grasp_slip.time": time_s}
+
+
+def test_what_belongs_to_a_recording_stays_there() -> None:
+    """A rope keeps its laws wherever it is, not how it was once held and seen."""
+    rope = {
+        "bending_stiffness": EI,
+        "plastic_bending.yield_curvature": 8.0,
+        "contact_friction.coefficient": 0.3,
+    }
+    there = {"end_angle.end_1": 0.1, "hidden_obstacle.x": 0.2, "length_error.relative": 0.01}
+    assert of_the_rope(rope | there) == (rope, ("end_angle", "hidden_obstacle", "length_error"))
+    groups = {"end_angle", "end_compliance", "end_twist", "grasp_slip", "length_error", "hidden_obstacle"}
+    groups |= {"clock_offset", "camera_pose", "prior_history"}
+    assert set(of_the_rope({f"{name}.any": 0.0 for name in EFFECTS})[1]) == groups
 
 
 def test_the_page_lists_every_parameter() -> None:

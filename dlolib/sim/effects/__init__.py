@@ -113,6 +113,14 @@ def check(name: str, value: float, beyond: float = 0.0) -> None:
         raise ParameterError(problem, mend=mend)
 
 
+def of_the_rope(values: Mapping[str, float]) -> tuple[dict[str, float], tuple[str, ...]]:
+    """Of a rod's values those that it takes along to another place, and the effects of the others: these
+    belong to one recording."""
+    effects = dict.fromkeys(name.partition(".")[0] for name in values if "." in name)
+    stay = tuple(name for name in effects if getattr(EFFECTS.get(name), "OF_RECORDING", False))
+    return {name: value for name, value in values.items() if name.partition(".")[0] not in stay}, stay
+
+
 def applied(setup: Setup, values: Mapping[str, float]) -> Setup:
     """The set-up with all effects in it that the values name, `<effect>.<parameter>` each.
 
@@ -156,5 +164,6 @@ __all__ = [
     "applied",
     "check",
     "named",
+    "of_the_rope",
     "parameter",
 ]

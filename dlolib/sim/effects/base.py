@@ -21,6 +21,7 @@ from dlolib.sim.scene import LAWS
 from dlolib.types import Ends, Floats, Rope
 
 NO_TURN = NO_SHIFT = (0.0, 0.0, 0.0)
+ENDS: tuple[Literal["start"], Literal["end"]] = ("start", "end")
 
 
 @dataclass(frozen=True)
@@ -63,10 +64,11 @@ class Effect(Protocol):
     It may have `NAMED`, values of parameters that hold where the effect is named without them; `FORMS`, the
     sets of parameters that occur together (`forms`); `SIZES`, those that say how large it is (`sizes`);
     `STIFFENS`: without it a rope comes out too stiff, so that fits begin at softer ones, too; `SIDED`: the
-    rope is not alike all round, so that its roll matters; and `guess(hint, radius_m)`, values from which a
-    fit may begin where the rope is off as the `Hint` says. A law may have `REMEMBERS`: what happened before
-    the recording shows in it (`prior_history`); `IDEAL`: it has a form that no real rope has to the last
-    digit; `ABRUPT`: it sets in past a threshold, and no linear step foretells what it would gain.
+    rope is not alike all round, so that its roll matters; `OF_RECORDING`: it belongs to one recording, to how
+    it was held and seen, and goes with no rope to another place; and `guess(hint, radius_m)`, values from
+    which a fit may begin where the rope is off as the `Hint` says. A law may have `REMEMBERS`: what happened
+    before the recording shows in it (`prior_history`); `IDEAL`: it has a form that no real rope has to the
+    last digit; `ABRUPT`: it sets in past a threshold, and no linear step foretells what it would gain.
     """
 
     @property

@@ -13,6 +13,7 @@ from dlolib.sim.effects.base import Camera, Parameter, Setup
 
 NAME = "camera_pose"
 SAYS = "the camera stands or looks elsewhere than its calibration says"
+OF_RECORDING = True
 PARAMETERS = (
     *(
         Parameter(f"rotation_{k}", "rad", f"turn about world axis {k}", 0.0, -0.5, 0.5, 0.005, (0.0,))

@@ -9,6 +9,7 @@ from dlolib.sim.effects.base import Parameter, Setup
 
 NAME = "clock_offset"
 SAYS = "the camera's clock and the robot's disagree"
+OF_RECORDING = True
 PARAMETERS = (
     Parameter("time", "s", "what the robot's log lags behind the images", 0.0, -5.0, 5.0, 0.02, (0.0,)),
 )

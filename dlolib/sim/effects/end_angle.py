@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Literal
 
-from dlolib.sim.effects.base import Parameter, Setup
+from dlolib.sim.effects.base import ENDS, Parameter, Setup
 
 NAME = "end_angle"
 SAYS = "a clamp or grasp holds the rope at another angle than recorded"
-ENDS: tuple[Literal["start"], Literal["end"]] = ("start", "end")
+OF_RECORDING = True
 PARAMETERS = tuple(
     Parameter(
         f"{end}_{axis}",

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 
-from dlolib.sim.effects.base import Parameter, Setup
+from dlolib.sim.effects.base import ENDS, Parameter, Setup
 
 NAME = "end_compliance"
 SAYS = "a clamp gives way under the rope's moment"
-ENDS: tuple[Literal["start"], Literal["end"]] = ("start", "end")
+OF_RECORDING = True
 PARAMETERS = tuple(
     Parameter(
         f"{end}_stiffness",

@@ -9,6 +9,7 @@ from dlolib.sim.effects.base import Parameter, Setup
 
 NAME = "end_twist"
 SAYS = "a held end is rolled against what was recorded"
+OF_RECORDING = True
 PARAMETERS = (
     Parameter("start", "rad", "roll of the start", 0.0, -6.0, 6.0, 0.05, (0.0,), end="start"),
     Parameter("end", "rad", "roll of the end", 0.0, -6.0, 6.0, 0.05, (0.0,), end="end"),

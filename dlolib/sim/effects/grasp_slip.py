@@ -15,6 +15,7 @@ from dlolib.sim.effects.base import Parameter, Setup, Slip
 
 NAME = "grasp_slip"
 SAYS = "the rope slips through the grasp"
+OF_RECORDING = True
 TIMES = (0.15, 0.3, 0.45, 0.6, 0.75, 0.9)
 PARAMETERS = (
     Parameter("length", "m", "rope that slips through", 0.0, -0.2, 0.2, 0.001, (0.005, -0.005), end="end"),

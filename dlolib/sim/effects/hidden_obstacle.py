@@ -13,6 +13,7 @@ from dlolib.types import Obstacle
 
 NAME = "hidden_obstacle"
 SAYS = "the rope touches something that was not recorded"
+OF_RECORDING = True
 PARAMETERS = (
     *(Parameter(axis, "m", f"{axis} of its centre", 0.0, -10.0, 10.0, 0.005, (), 1e-6) for axis in "xyz"),
     Parameter("radius", "m", "its radius, without the rope's", 0.0, 0.0, 1.0, 0.005, (0.02,), 1e-6),

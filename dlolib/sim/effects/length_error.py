@@ -10,6 +10,7 @@ from dlolib.sim.scene import LENGTH
 
 NAME = "length_error"
 SAYS = "the free rope is longer or shorter than recorded"
+OF_RECORDING = True
 PARAMETERS = (
     Parameter("relative", "", "free length over the recorded one, less 1", 0.0, -0.4, 0.4, 0.002, (0.0,)),
 )

@@ -15,6 +15,7 @@ from dlolib.sim.scene import PRIOR
 
 NAME = "prior_history"
 SAYS = "the rope was bent before the recording, and remembers"
+OF_RECORDING = True
 STARTS = (-10.0, 10.0)
 PARAMETERS = (
     Parameter("kappa_1", "1/m", "curvature it once had about the first axis", 0.0, -60.0, 60.0, 0.1, STARTS),
