@@ -13,6 +13,8 @@ from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from dlolib.captures.base import Image
 from dlolib.captures.foreign import Units
@@ -38,6 +40,10 @@ COLOR_MODES: dict[Size, tuple[Size, Size]] = {
 }
 MODEL = "CALIBRATION_LensDistortionModelBrownConrady"
 MILLIMETRES = 1000.0
+# What lies so much further away than what is seen beside it is hidden by that: a rope is thinner.
+BEHIND_M = 0.02
+# Cells around a point that it hides, too: between readings there are gaps, and outlines lack readings.
+AROUND = np.ones((5, 5), np.uint8)
 
 
 @dataclass(frozen=True)
@@ -50,6 +56,9 @@ class Calibration:
 
     def registered(self, color: Image, depth: Units) -> tuple[Image, Units]:
         """Both as a pinhole in the depth camera's place sees them; black where depth has no reading.
+
+        What something hides from the colour camera, which stands beside, gets the colour of the point next
+        to it that is not hidden, not that of what hides it.
 
         Args:
             color: (H', W', 3), as recorded.
@@ -71,10 +80,27 @@ class Calibration:
             turn, _ = cv2.Rodrigues(self.color_from_depth[:3, :3])
             place = self.color_from_depth[:3, 3]
             pixels, _ = cv2.projectPoints(points, turn, place, self.color.matrix, self.color.distortion)
+            away = points @ self.color_from_depth[2, :3] + place[2]
+            hidden = self._hidden(pixels[:, 0], away, color.shape)
+            if hidden.any():
+                _, beside = cKDTree(points[~hidden]).query(points[hidden])
+                pixels[hidden] = pixels[~hidden][beside]
             seen[rows, columns] = pixels[:, 0]
         mixed = cv2.remap(color, seen[..., 0], seen[..., 1], cv2.INTER_LINEAR)
         mixed[flat == 0] = 0
         return np.asarray(mixed, dtype=np.uint8), flat
+
+    def _hidden(self, pixels: Floats, away_m: Floats, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+        """Which points, seen at pixels (N, 2) of colour, lie behind others (N,); cells are depth's pixels."""
+        pitch = self.color.matrix[0, 0] / self.depth.matrix[0, 0]
+        cells = np.rint(pixels / pitch).astype(np.int64)[:, ::-1]
+        size = np.array(shape[:2]) // pitch + 1
+        hidden = ((cells >= 0) & (cells < size)).all(axis=1)
+        row, column = cells[hidden].T
+        nearest = np.full(size.astype(int), np.inf, dtype=np.float32)
+        np.minimum.at(nearest, (row, column), away_m[hidden].astype(np.float32))
+        hidden[hidden] = away_m[hidden] > cv2.erode(nearest, AROUND)[row, column] + BEHIND_M
+        return hidden
 
 
 def read_calibration(data: bytes, path: Path, depth_size: Size, color_size: Size) -> Calibration:

@@ -66,6 +66,8 @@ def test_the_same_frames_give_the_same_capture(
 
 def test_an_azure_kinect_gives_the_same_capture(tmp_path: Path) -> None:
     shot = foreign.frames(2, foreign.KINECT_WIDTH, foreign.KINECT_HEIGHT)
+    # so even that nothing can hide anything
+    shot = replace(shot, depth=np.minimum(shot.depth, 615))
     foreign.given(tmp_path / "object.json")
     source = foreign.kinect(tmp_path / "source.mkv", shot, foreign.calibration())
     ingest(source, tmp_path / "out", object_json=tmp_path / "object.json")
@@ -322,6 +324,21 @@ def test_color_is_brought_to_the_depth_camera() -> None:
     assert np.argwhere(color.any(axis=2)).tolist() == [[20, 40]]
     np.testing.assert_array_equal(color[20, 40], (255, 10, 20))
     np.testing.assert_array_equal(same, depth)
+
+
+@pytest.mark.parametrize(("rope", "wall"), [(225, 12), (30, 200)], ids=["bright", "dark"])
+def test_what_the_rope_hides_from_the_color_camera_does_not_get_its_color(rope: int, wall: int) -> None:
+    """A rope 0.5 m away before a wall at 1 m; the colour camera sees it 10 px, the wall 5 px further left."""
+    lens = Lens(np.array([[100.0, 0, 31.5], [0, 100.0, 23.5], [0, 0, 1]]), np.zeros(8))
+    pose = np.eye(4)
+    pose[0, 3] = -0.05
+    depth = np.full((48, 64), 1000, np.uint16)
+    depth[:, 30:35] = 500
+    picture = np.full((48, 64, 3), wall, np.uint8)
+    picture[:, 20:25] = rope
+    color, _ = Calibration(lens, lens, pose).registered(picture, depth)
+    inside = color[:, 5:]  # what is further left the colour camera does not see
+    np.testing.assert_array_equal(inside, np.where(depth[:, 5:, None] == 500, rope, wall) + np.zeros(3))
 
 
 def test_every_source_is_taken_for_what_it_is(tmp_path: Path) -> None:
