@@ -18,31 +18,43 @@ PINHOLE = {"fx": (0, 0), "fy": (1, 1), "cx": (0, 2), "cy": (1, 2)}
 
 @dataclass(frozen=True)
 class Lens:
-    """A camera's matrix (3, 3) [px] and OpenCV's distortion coefficients (4, 5 or 8)."""
+    """A camera's matrix (3, 3) [px] and OpenCV's distortion coefficients (4, 5 or 8).
+
+    pinhole (3, 3) [px]: the matrix of what comes out; None where it is the camera's own.
+    """
 
     matrix: Floats
     distortion: Floats
+    pinhole: Floats | None = None
 
     @property
     def optics(self) -> dict[str, float]:
         """fx, fy, cx, cy [px] of the pinhole."""
-        return {name: float(self.matrix[place]) for name, place in PINHOLE.items()}
+        return {name: float(self._straight[place]) for name, place in PINHOLE.items()}
 
     def color(self, image: Image) -> Image:
         """The image (H, W, 3) as the pinhole sees it, mixed between neighbours; untouched where straight."""
-        if not self.distortion.any():
+        if self._leaves_alone:
             return image
         return np.asarray(cv2.remap(image, *self._maps(image.shape), cv2.INTER_LINEAR), dtype=np.uint8)
 
     def depth(self, image: Units) -> Units:
         """The depth (H, W) likewise, from the nearest pixel: a mean of near and far is a point in the air."""
-        if not self.distortion.any():
+        if self._leaves_alone:
             return image
         return np.asarray(cv2.remap(image, *self._maps(image.shape), cv2.INTER_NEAREST), dtype=np.uint16)
+
+    @property
+    def _straight(self) -> Floats:
+        return self.matrix if self.pinhole is None else self.pinhole
+
+    @property
+    def _leaves_alone(self) -> bool:
+        return not self.distortion.any() and np.array_equal(self._straight, self.matrix)
 
     def _maps(self, shape: tuple[int, ...]) -> tuple[Any, Any]:
         size = (shape[1], shape[0])
         maps = cv2.initUndistortRectifyMap(
-            self.matrix, self.distortion, None, self.matrix, size, cv2.CV_32FC1
+            self.matrix, self.distortion, None, self._straight, size, cv2.CV_32FC1
         )
         return maps[0], maps[1]

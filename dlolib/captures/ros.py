@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -23,6 +23,8 @@ from dlolib.types import Floats, Motion
 
 INFO = "sensor_msgs/msg/CameraInfo"
 TRANSPORTS = ("/compressedDepth", "/compressed")
+# The driver of RealSense calls aligned depth image_raw, whatever the image is that it is aligned to.
+ALIGNED, OF_A_DRIVER = "/aligned_depth_to_color/", "_raw"
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,7 @@ class RosBag:
     depth_s: Floats
     pairs: Pairs
     optics: Mapping[str, float]
-    lens: Lens | None
+    lenses: Mapping[Role, Lens]
     world_from_camera: Floats | None
     motion: Motion | None
 
@@ -51,11 +53,11 @@ class RosBag:
         """Find out which topic is what, pair the images, read calibration and poses."""
         with Bag(path) as bag:
             topics = _images(bag, asked.topics)
-            lens, optics = _calibration(bag, topics, asked)
+            lenses, optics = _calibration(bag, topics, asked)
             stamps = _stamps(bag, topics)
             pairs = paired(stamps["depth"], stamps["color"], path)
             view, motion = _camera_pose(bag, asked), _motion(bag, asked)
-        return cls(path, topics, stamps["depth"], pairs, optics, lens, view, motion)
+        return cls(path, topics, stamps["depth"], pairs, optics, lenses, view, motion)
 
     @property
     def count(self) -> int:
@@ -91,9 +93,9 @@ class RosBag:
             seen = f"depth is {_size(units)} from {frames[0]!r}, color {_size(picture)} from {frames[1]!r}"
             mend = "name the topic of depth that is registered to color"
             raise depth[1].refusal(f"{seen}: they have different viewpoints", mend)
-        shot = Shot(t_s, self.path, depth[1].place, picture, units)
-        lens = self.lens
-        return shot if lens is None else replace(shot, color=lens.color(picture), depth=lens.depth(units))
+        if self.lenses:
+            picture, units = self.lenses["color"].color(picture), self.lenses["depth"].depth(units)
+        return Shot(t_s, self.path, depth[1].place, picture, units)
 
 
 def _size(image: Any) -> str:
@@ -132,17 +134,27 @@ def _unknown(bag: Bag, role: str, name: str, topics: list[str]) -> FormatError:
     return FormatError(problem, file=bag.path, place=f"--topic {role}={name}", mend=mend)
 
 
-def _calibration(bag: Bag, topics: Mapping[Role, str], asked: Asked) -> tuple[Lens | None, dict[str, float]]:
-    """The lens, and the optics that the bag says; without CameraInfo only the units of depth."""
+def _calibration(
+    bag: Bag, topics: Mapping[Role, str], asked: Asked
+) -> tuple[dict[Role, Lens], dict[str, float]]:
+    """Each image's lens, and the optics that the bag says; without CameraInfo only the units of depth."""
     optics = {"depth_scale": _depth_scale(bag, topics, asked.given)}
     name = _info(bag, topics, asked)
     if name is None:
-        return None, optics
+        return {}, optics
     info = bag.first(name)
-    rectified = "image_rect" in topics["depth"]
-    lens = ros_images.lens(info, rectified, asked.given.optics, Spot(bag.path, name))
+    rectified = _rectified(topics)
+    lenses = ros_images.lenses(info, rectified, asked.given.optics, Spot(bag.path, name))
     optics |= {"width": float(info.width), "height": float(info.height)}
-    return lens, optics | lens.optics
+    return lenses, optics | lenses["depth"].optics
+
+
+def _rectified(topics: Mapping[Role, str]) -> dict[Role, bool]:
+    """Which images have no distortion left, by their names: image_rect, image_color_rect, image_rect_raw."""
+    names: dict[Role, str] = {role: _untransported(topic) for role, topic in topics.items()}
+    if ALIGNED in names["depth"] and names["color"].endswith(OF_A_DRIVER):
+        names["depth"] = names["color"]
+    return {role: "rect" in name.rsplit("/", 1)[-1].split("_") for role, name in names.items()}
 
 
 def _depth_scale(bag: Bag, topics: Mapping[Role, str], given: Given) -> float:
@@ -156,12 +168,17 @@ def _depth_scale(bag: Bag, topics: Mapping[Role, str], given: Given) -> float:
 
 
 def _info(bag: Bag, topics: Mapping[Role, str], asked: Asked) -> str | None:
-    """The topic of calibration: as named, else the one beside the images, else the only one."""
+    """The topic of calibration: as named, else the one beside the images, else the only one.
+
+    That beside a raw image comes first: beside a rectified one the distortion may have been left out.
+    """
     infos = [topic for topic, kind in sorted(bag.types.items()) if kind == INFO]
     named = asked.topics.get("camera_info")
     if named is not None and named not in infos:
         raise _unknown(bag, "camera_info", named, infos)
-    name = named or _sibling(topics["depth"], infos) or _sibling(topics["color"], infos)
+    rectified = _rectified(topics)
+    beside = [_sibling(topics[role], infos) for role in sorted(("depth", "color"), key=rectified.__getitem__)]
+    name = named or next(filter(None, beside), None)
     if name is None and len(infos) > 1:
         mend = f"name one: --topic camera_info=NAME, of {', '.join(infos)}"
         problem = f"{len(infos)} topics can be camera_info"
@@ -171,10 +188,14 @@ def _info(bag: Bag, topics: Mapping[Role, str], asked: Asked) -> str | None:
 
 def _sibling(topic: str, infos: list[str]) -> str | None:
     """The CameraInfo that by ROS' convention lies beside an image."""
+    name = f"{_untransported(topic).rsplit('/', 1)[0]}/camera_info"
+    return name if name in infos else None
+
+
+def _untransported(topic: str) -> str:
     for transport in TRANSPORTS:
         topic = topic.removesuffix(transport)
-    name = f"{topic.rsplit('/', 1)[0]}/camera_info"
-    return name if name in infos else None
+    return topic
 
 
 def _stamps(bag: Bag, topics: Mapping[Role, str]) -> dict[str, Floats]:

@@ -33,6 +33,8 @@ LARGEST = np.iinfo(np.uint16).max
 # of compressed_depth_image_transport: a format and the two parameters of its quantisation
 HEADER = struct.Struct("<iff")
 UNDISTORTED = ("", "plumb_bob", "rational_polynomial")
+# A rectification that turns by less moves no pixel by one.
+TURN_RAD = 1e-3
 Role = Literal["color", "depth"]
 
 
@@ -102,29 +104,41 @@ def depth(message: Any, spot: Spot) -> Units:
     return _units(_rows(message, np.dtype(np.float32), 1, spot)[..., 0].astype(np.float64))
 
 
-def lens(info: Any, rectified: bool, given: Mapping[str, float], spot: Spot) -> Lens:
-    """The camera of a CameraInfo; a rectified image has its projection's matrix and no distortion.
+def lenses(
+    info: Any, rectified: Mapping[Role, bool], given: Mapping[str, float], spot: Spot
+) -> dict[Role, Lens]:
+    """The camera of a CameraInfo for each image, one pinhole for all: its projection where one is rectified.
 
-    What a person has given of fx, fy, cx, cy [px] stands in that matrix, and the distortion is about it.
+    What a person has given of fx, fy, cx, cy [px] stands in the pinhole's matrix; where no image is rectified
+    the distortion is about it.
 
     Raises:
-        FormatError: not calibrated, or a lens whose model is not known.
+        FormatError: not calibrated, a lens whose model is not known, or one image turned by rectification.
     """
-    matrix = np.array(info.K if hasattr(info, "K") else info.k, dtype=np.float64).reshape(3, 3)
-    bent = np.array(info.D if hasattr(info, "D") else info.d, dtype=np.float64)
-    if rectified:
-        matrix = np.array(info.P if hasattr(info, "P") else info.p, dtype=np.float64).reshape(3, 4)[:, :3]
-        bent = np.zeros(0)
+    matrix, bent = _numbers(info, "K").reshape(3, 3), _numbers(info, "D")
+    raw = not all(rectified.values())
+    pinhole = _numbers(info, "P").reshape(3, 4)[:, :3].copy() if any(rectified.values()) else matrix
     for name, place in PINHOLE.items():
-        matrix[place] = given.get(name, matrix[place])
-    if not np.isfinite(matrix).all() or matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
-        raise spot.refusal(
-            "the camera is not calibrated: its focal length is 0", "calibrate it, or give camera.fx"
-        )
-    if bent.any() and (info.distortion_model not in UNDISTORTED or len(bent) not in (4, 5, 8)):
+        pinhole[place] = given.get(name, pinhole[place])
+    for used in (pinhole, matrix) if raw else (pinhole,):
+        if not np.isfinite(used).all() or used[0, 0] <= 0 or used[1, 1] <= 0:
+            raise spot.refusal(
+                "the camera is not calibrated: its focal length is 0", "calibrate it, or give camera.fx"
+            )
+    if raw and bent.any() and (info.distortion_model not in UNDISTORTED or len(bent) not in (4, 5, 8)):
         problem = f"its lens is {info.distortion_model!r} with {len(bent)} numbers"
         raise spot.refusal(problem, f"record the rectified image, or {' or '.join(UNDISTORTED[1:])}")
-    return Lens(matrix, bent)
+    turn = _numbers(info, "R").reshape(3, 3)
+    if raw and any(rectified.values()) and turn.any() and not np.allclose(turn, np.eye(3), atol=TURN_RAD):
+        problem = "its rectification turns the image, and only one of color and depth is rectified"
+        raise spot.refusal(problem, "name the topics of two rectified images, or of two raw ones")
+    straight, curved = Lens(pinhole, np.zeros(0)), Lens(matrix, bent, pinhole)
+    return {role: straight if flat else curved for role, flat in rectified.items()}
+
+
+def _numbers(info: Any, name: str) -> Floats:
+    """A field of CameraInfo, which ROS 1 writes large and ROS 2 small."""
+    return np.array(getattr(info, name if hasattr(info, name) else name.lower()), dtype=np.float64)
 
 
 def _rows(message: Any, kind: np.dtype[Any], channels: int, spot: Spot) -> Any:

@@ -158,6 +158,7 @@ class Ros:
     backwards: bool = False
     padding: int = 0
     root: str = ""
+    topics: tuple[str, str] = (COLOR, DEPTH)
     depth_frame: str = "camera"
 
     @property
@@ -173,9 +174,10 @@ def bag(path: Path, shot: Frames, how: Ros, moved: Motion | None = None) -> Path
     make = _Messages(how)
     rows: list[tuple[int, str, Any]] = []
     stamps = shot.ns[::-1] if how.backwards else shot.ns
+    color, depth = (how.root + topic for topic in how.topics)
     for row, ns in enumerate(shot.ns):
-        rows.append((ns + 2, how.root + DEPTH, make.depth(shot.depth[row], stamps[row], shot.scale)))
-        rows.append((ns + 1, how.root + COLOR, make.color(shot.color[row], stamps[row] + 4_000_000)))
+        rows.append((ns + 2, depth, make.depth(shot.depth[row], stamps[row], shot.scale)))
+        rows.append((ns + 1, color, make.color(shot.color[row], stamps[row] + 4_000_000)))
         if how.second_depth:
             rows.append((ns + 3, "/other/depth", make.depth(shot.depth[row], stamps[row], shot.scale)))
     if how.info:

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -20,6 +21,8 @@ from dlolib.captures import ingest, open_capture
 from dlolib.captures.ingest import FORMATS
 from dlolib.captures.kinect_calibration import Calibration
 from dlolib.captures.lens import Lens
+from dlolib.captures.ros_images import Spot, lenses
+from dlolib.errors import FormatError
 from dlolib.o3d import open3d
 from dlolib.types import Camera
 
@@ -291,6 +294,53 @@ def test_a_lens_is_taken_out_where_it_bends(tmp_path: Path) -> None:
     stretch = 1 + bent[0] * (x * x + y * y) + bent[1] * (x * x + y * y) ** 2
     seen = shot.depth[0, round(cy + fy * y * stretch), round(cx + fx * x * stretch)]
     assert stored[row, column] == seen != shot.depth[0, row, column]
+
+
+ALIGNED = "/camera/aligned_depth_to_color/image_raw"
+
+
+@pytest.mark.parametrize(
+    ("color", "depth", "raw"),
+    [
+        ("/kinect2/qhd/image_color_rect", "/kinect2/qhd/image_depth_rect", set()),
+        ("/camera/color/image_raw", "/camera/depth_registered/image_rect", {"color"}),
+        ("/camera/color/image_raw", ALIGNED, {"color", "depth"}),
+        # aligned to image_raw, of which image_rect_color is made
+        ("/camera/color/image_rect_color", ALIGNED, {"depth"}),
+        ("/camera/color/image_rect_raw", ALIGNED, set()),
+    ],
+)
+def test_a_lens_is_taken_out_of_what_is_not_rectified(
+    tmp_path: Path, color: str, depth: str, raw: set[str]
+) -> None:
+    shot = foreign.frames()
+    about = foreign.given(tmp_path / "object.json")
+    how = Ros(distortion=(-0.3, 0.1, 0.0, 0.0, 0.0), topics=(color, depth))
+    index = ingest(foreign.bag(tmp_path / "source.bag", shot, how), tmp_path / "out", object_json=about)
+    assert index.color is not None and index.depth is not None
+    stored = {
+        "color": cv2.imread(str(index.color[0]))[..., ::-1],
+        "depth": cv2.imread(str(index.depth[0]), -1),
+    }
+    same = {"color": shot.color[0], "depth": shot.depth[0]}
+    assert {name for name in stored if not np.array_equal(stored[name], same[name])} == raw
+
+
+def test_a_raw_image_comes_to_the_pinhole_of_a_rectified_one() -> None:
+    """Rectification scales: the raw colour's pixel 8 right of its centre is 4 right of the other's."""
+    matrix, flat = np.array([[100.0, 0, 32], [0, 100, 24], [0, 0, 1]]), np.zeros((3, 4))
+    flat[:, :3] = [[50, 0, 30], [0, 50, 20], [0, 0, 1]]
+    info = SimpleNamespace(k=matrix.ravel(), d=[], p=flat.ravel(), r=np.eye(3).ravel(), distortion_model="")
+    spot = Spot(Path("source.bag"), "/camera_info")
+    found = lenses(info, {"color": False, "depth": True}, {}, spot)
+    assert found["color"].optics == found["depth"].optics == {"fx": 50, "fy": 50, "cx": 30, "cy": 20}
+    picture = np.zeros((48, 64, 3), np.uint8)
+    picture[24, 40] = 200
+    assert np.argwhere(found["color"].color(picture).any(axis=2)).tolist() == [[20, 34]]
+    info.r = Rotation.from_rotvec([0, 0.02, 0]).as_matrix().ravel()
+    with pytest.raises(FormatError, match="only one of color and depth is rectified; name the topics of two"):
+        lenses(info, {"color": False, "depth": True}, {}, spot)
+    assert lenses(info, {"color": True, "depth": True}, {}, spot)["color"].optics["fx"] == 50
 
 
 def test_a_lens_is_taken_out_where_its_pinhole_is_given(tmp_path: Path) -> None:
