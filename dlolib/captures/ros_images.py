@@ -33,6 +33,8 @@ LARGEST = np.iinfo(np.uint16).max
 # of compressed_depth_image_transport: a format and the two parameters of its quantisation
 HEADER = struct.Struct("<iff")
 UNDISTORTED = ("", "plumb_bob", "rational_polynomial")
+# In names of models that bend straight lines even where all coefficients are 0.
+NO_PINHOLE = ("equidistant", "fisheye", "kannala", "omni", "theta")
 # A rectification that turns by less moves no pixel by one.
 TURN_RAD = 1e-3
 Role = Literal["color", "depth"]
@@ -125,8 +127,10 @@ def lenses(
             raise spot.refusal(
                 "the camera is not calibrated: its focal length is 0", "calibrate it, or give camera.fx"
             )
-    if raw and bent.any() and (info.distortion_model not in UNDISTORTED or len(bent) not in (4, 5, 8)):
-        problem = f"its lens is {info.distortion_model!r} with {len(bent)} numbers"
+    model = info.distortion_model
+    unknown = bent.any() and (model not in UNDISTORTED or len(bent) not in (4, 5, 8))
+    if raw and (unknown or any(word in model.lower() for word in NO_PINHOLE)):
+        problem = f"its lens is {model!r} with {len(bent)} numbers"
         raise spot.refusal(problem, f"record the rectified image, or {' or '.join(UNDISTORTED[1:])}")
     turn = _numbers(info, "R").reshape(3, 3)
     if raw and any(rectified.values()) and turn.any() and not np.allclose(turn, np.eye(3), atol=TURN_RAD):

@@ -155,6 +155,7 @@ class Ros:
     calibrated: bool = True
     second_depth: bool = False
     distortion: tuple[float, ...] = (0.0,) * 5
+    model: str = "plumb_bob"
     backwards: bool = False
     padding: int = 0
     root: str = ""
@@ -273,7 +274,7 @@ class _Messages:
         named = values if self.how.kind == "ros1" else {name.lower(): value for name, value in values.items()}
         sizes = {"height": HEIGHT, "width": WIDTH, "binning_x": 0, "binning_y": 0, "roi": roi}
         kind = self.types["sensor_msgs/msg/CameraInfo"]
-        return kind(header=self.header(ns), distortion_model="plumb_bob", **named, **sizes)
+        return kind(header=self.header(ns), distortion_model=self.how.model, **named, **sizes)
 
     def pose(self, place: NDArray[Any], turn: NDArray[Any]) -> tuple[Any, Any]:
         point = dict(zip("xyz", (float(v) for v in place), strict=True))

@@ -212,6 +212,7 @@ def place(tmp_path: Path, kind: str) -> Path:
         ({}, ("--topic", "depth"), "--topic depth: no role or no name; write ROLE=NAME"),
         ({"info": False}, (), "object.json: camera.width: the recording does not say width"),
         ({"distortion": (0.1,) * 3}, (), "its lens is 'plumb_bob'"),
+        ({"model": "equidistant", "distortion": (0.0,) * 4}, (), "its lens is 'equidistant' with 4 numbers"),
         (
             {},
             ("--topic", "camera_pose=/tf"),
