@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from dlolib.captures.clock import falls
 from dlolib.captures.cloud_folder import read_cloud
 from dlolib.captures.foreign import Foreign, Shot
+from dlolib.captures.lens import PINHOLE
 from dlolib.captures.pictures import check_backgrounds, check_color, check_depth
 from dlolib.captures.plausible import check_inside, check_optics, check_times
 from dlolib.errors import FormatError
@@ -113,9 +114,21 @@ def _camera(foreign: Foreign, given: Given, view: Floats, images: bool) -> Camer
         problem = f"the recording does not say {', '.join(lacking)}"
         mend = f'add "camera": {{"{lacking[0]}": ...}}, pixels; depth_scale in units per metre'
         raise FormatError(problem, file=given.file, place=f"camera.{lacking[0]}", mend=mend)
+    _check_resized(foreign, given)
     numbers = {name: float(known[name]) for name in OPTICS[2:] if name in known}
     width, height = (None if known.get(name) is None else int(known[name]) for name in OPTICS[:2])
     return Camera(view, width, height, **numbers)
+
+
+def _check_resized(foreign: Foreign, given: Given) -> None:
+    """Refuse a size that a person gives beside a focal length or centre of the recording's own size."""
+    theirs, ours = foreign.optics, given.optics
+    resized = any(name in theirs and ours.get(name, theirs[name]) != theirs[name] for name in OPTICS[:2])
+    left = [name for name in PINHOLE if name not in ours]
+    if resized and left:
+        problem = "is the recording's, which is of another width and height than those given"
+        mend = f"give {', '.join(left)} of that size, too"
+        raise FormatError(problem, file=given.file, place=f"camera.{left[0]}", mend=mend)
 
 
 def _rising(shots: Iterator[Shot]) -> Iterator[Shot]:

@@ -155,7 +155,7 @@ def _check_size(image: NDArray[Any], camera: Camera, path: Path, place: str | No
             f"is {image.shape[1]} x {image.shape[0]} pixels, the camera {camera.width} x {camera.height}",
             file=path,
             place=place,
-            mend="correct the camera's width and height, or the image",
+            mend="give the camera's width, height, fx, fy, cx and cy of this size, or correct the image",
         )
 
 

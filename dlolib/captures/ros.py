@@ -145,7 +145,8 @@ def _calibration(
     info = bag.first(name)
     rectified = _rectified(topics)
     lenses = ros_images.lenses(info, rectified, asked.given.optics, Spot(bag.path, name))
-    optics |= {"width": float(info.width), "height": float(info.height)}
+    width, height = ros_images.size(info)
+    optics |= {"width": float(width), "height": float(height)}
     return lenses, optics | lenses["depth"].optics
 
 

@@ -111,15 +111,18 @@ def lenses(
 ) -> dict[Role, Lens]:
     """The camera of a CameraInfo for each image, one pinhole for all: its projection where one is rectified.
 
+    CameraInfo speaks of the whole sensor; the images may be a part of it, binned.
+
     What a person has given of fx, fy, cx, cy [px] stands in the pinhole's matrix; where no image is rectified
     the distortion is about it.
 
     Raises:
         FormatError: not calibrated, a lens whose model is not known, or one image turned by rectification.
     """
-    matrix, bent = _numbers(info, "K").reshape(3, 3), _numbers(info, "D")
+    part, bent = _part(info), _numbers(info, "D")
+    matrix = part @ _numbers(info, "K").reshape(3, 3)
     raw = not all(rectified.values())
-    pinhole = _numbers(info, "P").reshape(3, 4)[:, :3].copy() if any(rectified.values()) else matrix
+    pinhole = part @ _numbers(info, "P").reshape(3, 4)[:, :3] if any(rectified.values()) else matrix
     for name, place in PINHOLE.items():
         pinhole[place] = given.get(name, pinhole[place])
     for used in (pinhole, matrix) if raw else (pinhole,):
@@ -138,6 +141,28 @@ def lenses(
         raise spot.refusal(problem, "name the topics of two rectified images, or of two raw ones")
     straight, curved = Lens(pinhole, np.zeros(0)), Lens(matrix, bent, pinhole)
     return {role: straight if flat else curved for role, flat in rectified.items()}
+
+
+def size(info: Any) -> tuple[int, int]:
+    """Width and height [px] of the images of a CameraInfo: of its part of the sensor, binned."""
+    wide, high = info.roi.width or info.width, info.roi.height or info.height
+    return int(wide) // max(info.binning_x, 1), int(high) // max(info.binning_y, 1)
+
+
+def _part(info: Any) -> Floats:
+    """What turns the sensor's pixels into the image's (3, 3), after CameraInfo's definition.
+
+    First the part is cut out, then neighbours become one pixel; an integer is the middle of a pixel.
+    """
+    across, down = max(info.binning_x, 1), max(info.binning_y, 1)
+    left, top = info.roi.x_offset, info.roi.y_offset
+    return np.array(
+        [
+            [1 / across, 0, (0.5 - left) / across - 0.5],
+            [0, 1 / down, (0.5 - top) / down - 0.5],
+            [0, 0, 1],
+        ]
+    )
 
 
 def _numbers(info: Any, name: str) -> Floats:

@@ -156,6 +156,8 @@ class Ros:
     second_depth: bool = False
     distortion: tuple[float, ...] = (0.0,) * 5
     model: str = "plumb_bob"
+    binning: int = 0
+    region: tuple[int, int, int, int] = (0, 0, 0, 0)
     backwards: bool = False
     padding: int = 0
     root: str = ""
@@ -264,17 +266,21 @@ class _Messages:
         return self.image(image.astype(">u2") if kind == "big" else image, "16UC1", ns, self.how.depth_frame)
 
     def info(self, ns: int) -> Any:
+        """For the whole sensor, of which the images are the region (left, top, width, height), binned."""
         fx, fy, cx, cy = OPTICS.values()
-        matrix = np.array([fx, 0, cx, 0, fy, cy, 0, 0, 1]) * self.how.calibrated
+        times, (left, top, wide, high) = max(self.how.binning, 1), self.how.region
+        cx, cy = (cx + 0.5) * times - 0.5 + left, (cy + 0.5) * times - 0.5 + top
+        matrix = np.array([times * fx, 0, cx, 0, times * fy, cy, 0, 0, 1]) * self.how.calibrated
         projection = np.insert(matrix, (3, 6, 9), 0.0)
         bent = np.array(self.how.distortion)
         region = self.types["sensor_msgs/msg/RegionOfInterest"]
-        roi = region(x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
+        roi = region(x_offset=left, y_offset=top, height=high, width=wide, do_rectify=False)
         values = {"D": bent, "K": matrix, "R": np.eye(3).ravel(), "P": projection}
         named = values if self.how.kind == "ros1" else {name.lower(): value for name, value in values.items()}
-        sizes = {"height": HEIGHT, "width": WIDTH, "binning_x": 0, "binning_y": 0, "roi": roi}
+        sizes = {"height": HEIGHT * times + 2 * top, "width": WIDTH * times + 2 * left, "roi": roi}
+        binned = {"binning_x": self.how.binning, "binning_y": self.how.binning}
         kind = self.types["sensor_msgs/msg/CameraInfo"]
-        return kind(header=self.header(ns), distortion_model=self.how.model, **named, **sizes)
+        return kind(header=self.header(ns), distortion_model=self.how.model, **named, **sizes, **binned)
 
     def pose(self, place: NDArray[Any], turn: NDArray[Any]) -> tuple[Any, Any]:
         point = dict(zip("xyz", (float(v) for v in place), strict=True))

@@ -88,7 +88,10 @@ TUM: list[tuple[Spoil, str]] = [
     (line("rgb.txt", 2, "1700000000.227"), "rgb.txt: line 3: '' is no path within the folder"),
     (line("rgb.txt", 2, "soon rgb/a.png"), "rgb.txt: line 3: 'soon' is no time"),
     (line("depth.txt", 2, "1600000000.0 depth/a.png"), "depth.txt: line 3: time goes back from 17"),
-    (small("depth/*.png"), "is 16 x 12 pixels, the camera 32 x 24"),
+    (
+        small("depth/*.png"),
+        "the camera 32 x 24; give the camera's width, height, fx, fy, cx and cy of this size, or correct",
+    ),
     (dark("depth/*.png"), "depth is zero everywhere"),
     (swapped("rgb.txt", "depth.txt"), "is depth named as color?"),
     (lambda folder: (folder / "rgb.txt").write_text("# nothing\n"), "rgb.txt: has no rows"),
@@ -175,6 +178,17 @@ def test_redwood(tmp_path: Path, refused: Refusals, spoil: Spoil, says: str) -> 
     foreign.given(refused.about)
     spoil(foreign.redwood(tmp_path / "source", foreign.frames()))
     refused(tmp_path / "source", says)
+
+
+def test_a_size_without_its_focal_length(tmp_path: Path, refused: Refusals) -> None:
+    camera = foreign.camera_of()
+    wrong = intrinsics(width=64, height=48)
+    wrong(foreign.redwood(tmp_path / "source", foreign.frames()))
+    foreign.given(refused.about, camera={name: camera[name] for name in camera if name not in foreign.OPTICS})
+    says = "object.json: camera.fx: is the recording's, which is of another width and height than those given"
+    refused(tmp_path / "source", says)
+    foreign.given(refused.about, camera=camera)
+    assert refused.status(tmp_path / "source")[0] == 0
 
 
 def test_times_in_names_that_go_back(tmp_path: Path, refused: Refusals) -> None:

@@ -330,7 +330,9 @@ def test_a_raw_image_comes_to_the_pinhole_of_a_rectified_one() -> None:
     """Rectification scales: the raw colour's pixel 8 right of its centre is 4 right of the other's."""
     matrix, flat = np.array([[100.0, 0, 32], [0, 100, 24], [0, 0, 1]]), np.zeros((3, 4))
     flat[:, :3] = [[50, 0, 30], [0, 50, 20], [0, 0, 1]]
-    info = SimpleNamespace(k=matrix.ravel(), d=[], p=flat.ravel(), r=np.eye(3).ravel(), distortion_model="")
+    whole = SimpleNamespace(x_offset=0, y_offset=0, width=0, height=0)
+    sensor = {"binning_x": 0, "binning_y": 0, "roi": whole, "distortion_model": ""}
+    info = SimpleNamespace(k=matrix.ravel(), d=[], p=flat.ravel(), r=np.eye(3).ravel(), **sensor)
     spot = Spot(Path("source.bag"), "/camera_info")
     found = lenses(info, {"color": False, "depth": True}, {}, spot)
     assert found["color"].optics == found["depth"].optics == {"fx": 50, "fy": 50, "cx": 30, "cy": 20}
@@ -350,6 +352,20 @@ def test_a_lens_is_taken_out_where_its_pinhole_is_given(tmp_path: Path) -> None:
     given = foreign.given(tmp_path / "given.json", camera=foreign.camera_of())
     ingest(source, tmp_path / "expected", object_json=said)
     ingest(source, tmp_path / "out", object_json=given)
+    assert files(tmp_path / "out") == files(tmp_path / "expected")
+
+
+@pytest.mark.parametrize("rect", ["raw", "rect"])
+@pytest.mark.parametrize("region", [(0, 0, 0, 0), (6, 4, 64, 48)], ids=["whole", "part"])
+def test_a_camera_info_of_the_whole_sensor_is_that_of_its_part_binned(
+    tmp_path: Path, rect: str, region: tuple[int, int, int, int]
+) -> None:
+    shot = foreign.frames()
+    about = foreign.given(tmp_path / "object.json")
+    topics = (f"/camera/color/image_{rect}", f"/camera/depth/image_{rect}")
+    how = Ros(binning=2, region=region, topics=topics)
+    ingest(foreign.own(tmp_path / "own", shot), tmp_path / "expected")
+    ingest(foreign.bag(tmp_path / "source.bag", shot, how), tmp_path / "out", object_json=about)
     assert files(tmp_path / "out") == files(tmp_path / "expected")
 
 
