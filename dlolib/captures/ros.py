@@ -56,7 +56,7 @@ class RosBag:
             lenses, optics = _calibration(bag, topics, asked)
             stamps = _stamps(bag, topics)
             pairs = paired(stamps["depth"], stamps["color"], path)
-            view, motion = _camera_pose(bag, asked), _motion(bag, asked)
+            view, motion = _poses(bag, asked)
         return cls(path, topics, stamps["depth"], pairs, optics, lenses, view, motion)
 
     @property
@@ -209,16 +209,18 @@ def _stamps(bag: Bag, topics: Mapping[Role, str]) -> dict[str, Floats]:
     return stamps
 
 
-def _camera_pose(bag: Bag, asked: Asked) -> Floats | None:
-    name = asked.topics.get("camera_pose")
-    if name is None:
-        return None
-    return one_pose(ros_poses.poses(bag, name, "camera_pose")[1], bag.path, name)
-
-
-def _motion(bag: Bag, asked: Asked) -> Motion | None:
-    name = asked.topics.get("motion")
-    if name is None:
-        return None
-    given: Given = asked.given
-    return end_motion(*ros_poses.poses(bag, name, "motion"), given)
+def _poses(bag: Bag, asked: Asked) -> tuple[Floats | None, Motion | None]:
+    """The camera's pose and the ends' motion, as far as topics are named, in one frame."""
+    named = {role: asked.topics[role] for role in ("camera_pose", "motion") if role in asked.topics}
+    logged = {role: ros_poses.poses(bag, name, role) for role, name in named.items()}
+    frames = {role: one.frame for role, one in logged.items() if one.frame}
+    if len(set(frames.values())) > 1:
+        problem = f"the camera's pose is in {frames['camera_pose']!r}, the motion in {frames['motion']!r}"
+        place = f"--topic motion={named['motion']}"
+        mend = "name poses in one frame, or give camera.world_from_camera in that of the motion"
+        raise FormatError(problem, file=bag.path, place=place, mend=mend)
+    view, moved = logged.get("camera_pose"), logged.get("motion")
+    return (
+        None if view is None else one_pose(view.poses, bag.path, named["camera_pose"]),
+        None if moved is None else end_motion(moved.t_s, moved.poses, asked.given),
+    )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,8 +25,17 @@ POSE, TRANSFORM, TF = (
 KINDS = (POSE, TRANSFORM, TF, "tf/msg/tfMessage")
 # A row: time [s], position [m], quaternion (w, x, y, z).
 Row = tuple[float, ...]
-# A link of tf: the parent's name, and the poses in it over time.
-Link = tuple[str, Floats]
+# A link of tf: the parents that were logged, one unless something is wrong, and the poses over time.
+Link = tuple[list[str], Floats]
+
+
+@dataclass(frozen=True)
+class Logged:
+    """Poses (T, 4, 4) at t_s (T,) [s] in the axes of a frame, whose name is empty where nobody says it."""
+
+    t_s: Floats
+    poses: Floats
+    frame: str
 
 
 def choices(bag: Bag) -> list[str]:
@@ -40,11 +49,11 @@ def choices(bag: Bag) -> list[str]:
     return listed
 
 
-def poses(bag: Bag, name: str, role: str) -> tuple[Floats, Floats]:
-    """Times (T,) [s] and poses (T, 4, 4): of a topic, or as `/tf:frame` of a frame in the root of its tree.
+def poses(bag: Bag, name: str, role: str) -> Logged:
+    """The poses of a topic, or as `/tf:frame` of a frame in the root of its tree.
 
     Raises:
-        FormatError: no such topic or frame, or a pose that is none.
+        FormatError: no such topic or frame, poses in several frames, or a pose that is none.
     """
     topic, _, frame = name.partition(":")
     frame = frame.lstrip("/")
@@ -56,8 +65,14 @@ def poses(bag: Bag, name: str, role: str) -> tuple[Floats, Floats]:
         problem = "no such topic" if kind is None else f"is of type {kind}, no pose"
         raise FormatError(problem, file=bag.path, place=place, mend=mend)
     if kind in (POSE, TRANSFORM):
-        rows = np.array([_row(message, logged) for _, _, logged, message in bag.messages([topic])])
-        return _checked(bag, rows.reshape(-1, 8), topic)
+        rows, frames = [], set()
+        for _, _, logged, message in bag.messages([topic]):
+            rows.append(_row(message, logged))
+            frames.add(message.header.frame_id.lstrip("/"))
+        if len(frames) > 1:
+            problem = f"its poses are in several frames: {', '.join(map(repr, sorted(frames)))}"
+            raise FormatError(problem, file=bag.path, place=topic, mend="give them in one")
+        return Logged(*_checked(bag, np.array(rows).reshape(-1, 8), topic), "".join(frames))
     links = _links(bag)
     if frame not in links:
         raise FormatError(f"no frame {frame!r}", file=bag.path, place=place, mend=mend)
@@ -86,40 +101,46 @@ def _checked(bag: Bag, rows: Floats, place: str) -> tuple[Floats, Floats]:
 
 
 def _links(bag: Bag) -> dict[str, Link]:
-    """Every frame's parent and rows (T, 8) in it; a static one has one row."""
+    """Every frame's parents and rows (T, 8) in them; a static one has one row."""
     topics = [topic for topic, kind in bag.types.items() if kind in KINDS[2:]]
-    parents: dict[str, str] = {}
+    parents: dict[str, list[str]] = {}
     rows: dict[str, list[Row]] = {}
     for _, _, logged_ns, message in bag.messages(topics) if topics else ():
         for transform in message.transforms:
             child = transform.child_frame_id.lstrip("/")
-            parents[child] = transform.header.frame_id.lstrip("/")
+            parent = transform.header.frame_id.lstrip("/")
+            if parent not in parents.setdefault(child, []):
+                parents[child].append(parent)
             rows.setdefault(child, []).append(_row(transform, logged_ns))
     return {child: (parents[child], np.array(rows[child])) for child in parents}
 
 
-def _composed(bag: Bag, links: dict[str, Link], frame: str) -> tuple[Floats, Floats]:
+def _composed(bag: Bag, links: dict[str, Link], frame: str) -> Logged:
     """A frame's poses in its root, at the times of the link that was logged most often."""
-    chain = list(_upwards(bag, links, frame))
+    chain, root = _upwards(bag, links, frame)
     times, _ = max(chain, key=lambda link: len(link[0]))
     product = np.tile(np.eye(4), (len(times), 1, 1))
     for own, logged in chain:
         product = _at(own, logged, times) @ product
-    return times, product
+    return Logged(times, product, root)
 
 
-def _upwards(bag: Bag, links: dict[str, Link], frame: str) -> Iterable[tuple[Floats, Floats]]:
-    """Times and poses of each link from a frame to its root."""
-    seen = set()
+def _upwards(bag: Bag, links: dict[str, Link], frame: str) -> tuple[list[tuple[Floats, Floats]], str]:
+    """Times and poses of each link from a frame to its root, and that root's name."""
+    seen, chain = set(), []
     while frame in links:
+        place = f"tf, frame {frame}"
         if frame in seen:
-            raise FormatError(
-                "its frames form a ring", file=bag.path, place=f"tf, frame {frame}", mend="record tf anew"
-            )
+            raise FormatError("its frames form a ring", file=bag.path, place=place, mend="record tf anew")
         seen.add(frame)
-        parent, rows = links[frame]
-        yield _checked(bag, rows, f"tf, frame {frame}")
-        frame = parent
+        parents, rows = links[frame]
+        if len(parents) > 1:
+            problem = f"hangs on several frames: {', '.join(map(repr, parents))}"
+            mend = "record it below one, or name a topic of poses"
+            raise FormatError(problem, file=bag.path, place=place, mend=mend)
+        chain.append(_checked(bag, rows, place))
+        frame = parents[0]
+    return chain, frame
 
 
 def _at(own_s: Floats, logged: Floats, times: Floats) -> Floats:

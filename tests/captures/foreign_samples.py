@@ -6,6 +6,7 @@ import json
 import struct
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -163,6 +164,9 @@ class Ros:
     root: str = ""
     topics: tuple[str, str] = (COLOR, DEPTH)
     depth_frame: str = "camera"
+    tool_frames: tuple[str, ...] = ("world",)
+    tool_links: tuple[str, ...] = ("base",)
+    bases_link: str = "world"
 
     @property
     def store(self) -> Any:
@@ -211,7 +215,7 @@ class _Messages:
     """ROS messages of both generations."""
 
     def __init__(self, how: Ros) -> None:
-        self.how, self.types = how, how.store.types
+        self.how, self.types, self.frames = how, how.store.types, cycle(how.tool_frames)
 
     def header(self, ns: int, frame: str = "camera") -> Any:
         time = self.types["builtin_interfaces/msg/Time"](sec=ns // 10**9, nanosec=ns % 10**9)
@@ -300,7 +304,7 @@ class _Messages:
     def static(self, ns: int) -> list[tuple[int, str, Any]]:
         """A base 1 m above the world's origin, and the camera in the world."""
         turn = Rotation.from_matrix(VIEW[:3, :3]).as_quat(scalar_first=True)
-        base = self.link(ns, "world", "base", np.array([0, 0, 1.0]), np.array([1.0, 0, 0, 0]))
+        base = self.link(ns, self.how.bases_link, "base", np.array([0, 0, 1.0]), np.array([1.0, 0, 0, 0]))
         return [
             (ns, "/tf_static", base),
             (ns, "/tf_static", self.link(ns, "world", "eye", VIEW[:3, 3], turn)),
@@ -313,9 +317,12 @@ class _Messages:
         pose = self.types["geometry_msgs/msg/Pose"](
             position=self.types["geometry_msgs/msg/Point"](**point), orientation=rotation
         )
-        stamped = self.types["geometry_msgs/msg/PoseStamped"](header=self.header(ns, "world"), pose=pose)
-        link = self.link(ns, "base", "tool", place - [0, 0, 1.0], turn)
-        return [(ns, TOOL, stamped), (ns, "/tf", link)]
+        stamped = self.types["geometry_msgs/msg/PoseStamped"](
+            header=self.header(ns, next(self.frames)), pose=pose
+        )
+        below = place - [0, 0, 1.0]
+        links = [(ns, "/tf", self.link(ns, parent, "tool", below, turn)) for parent in self.how.tool_links]
+        return [(ns, TOOL, stamped), *links]
 
 
 # The depth camera of a binned narrow view, and a colour camera in the same place with twice its focal length,

@@ -248,6 +248,44 @@ def test_bags(
     refused(source, says, *options)
 
 
+@pytest.mark.parametrize(
+    ("change", "motion", "says"),
+    [
+        (
+            {"tool_links": ("base", "cart")},
+            "/tf:tool",
+            "tf, frame tool: hangs on several frames: 'base', 'cart'",
+        ),
+        (
+            {"bases_link": "odom"},
+            "/tf:tool",
+            "motion=/tf:tool: the camera's pose is in 'world', the motion in 'odom'",
+        ),
+        (
+            {"tool_frames": ("arm",)},
+            foreign.TOOL,
+            "the camera's pose is in 'world', the motion in 'arm'; name poses",
+        ),
+        (
+            {"tool_frames": ("arm", "leg")},
+            foreign.TOOL,
+            "tcp_pose: its poses are in several frames: 'arm', 'leg'",
+        ),
+        ({"tool_frames": ("",)}, foreign.TOOL, ""),
+        ({}, foreign.TOOL, ""),
+    ],
+    ids=told,
+)
+def test_poses_in_two_frames(
+    tmp_path: Path, refused: Refusals, change: dict[str, Any], motion: str, says: str
+) -> None:
+    foreign.given(refused.about, ends={"start": "free", "end": "clamped"}, camera={})
+    shot = foreign.frames()
+    source = foreign.bag(tmp_path / "source.bag", shot, Ros(**change), foreign.motion(shot))
+    status, line = refused.status(source, "--topic", "camera_pose=/tf:eye", "--topic", f"motion={motion}")
+    assert status == (2 if says else 0) and says in line
+
+
 def test_a_motion_in_millimetres(tmp_path: Path, refused: Refusals) -> None:
     foreign.given(refused.about, ends={"start": "free", "end": "clamped"})
     shot = foreign.frames()
