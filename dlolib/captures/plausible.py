@@ -114,10 +114,10 @@ def unnamed(paths: Iterable[Path], table: Path) -> list[str]:
     return found
 
 
-def unpaired(depth_s: Floats, pairs: int, path: Path, what: str) -> list[str]:
-    """That depth images were left out because no colour image is near."""
-    left = len(depth_s) - pairs
-    problem = f"{left} of {len(depth_s)} depth images have no color image at their time and are left out"
+def unpaired(t_s: Floats, pairs: int, path: Path, what: str, kind: str = "depth") -> list[str]:
+    """That depth images were left out because no colour image is near, or colour images likewise."""
+    left, other = len(t_s) - pairs, "color" if kind == "depth" else "depth"
+    problem = f"{left} of {len(t_s)} {kind} images have no {other} image at their time and are left out"
     mend = "check that both are whole and of one clock"
     return [str(FormatError(problem, file=path, place=what, mend=mend))] if left else []
 

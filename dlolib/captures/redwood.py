@@ -11,8 +11,10 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from dlolib.captures.clock import check_clock, paired
 from dlolib.captures.foreign import Asked, FramesAlone, Shot
 from dlolib.captures.pictures import decode_color, decode_depth
+from dlolib.captures.plausible import unpaired
 from dlolib.errors import FormatError
 
 DEPTH_SCALE = 1000.0
@@ -24,7 +26,7 @@ NAME = re.compile(r"(?P<number>\d+)(-(?P<time_us>\d+))?")
 
 @dataclass(frozen=True)
 class RedwoodFolder(FramesAlone):
-    """Images paired by number; times from their names, or from the number and the rate."""
+    """Images paired by the times in their names; without these by number, which over the rate is the time."""
 
     kind: ClassVar[str] = "Open3D or Redwood folder (color/, depth/, intrinsic.json)"
 
@@ -32,6 +34,7 @@ class RedwoodFolder(FramesAlone):
     depth: tuple[Path, ...]
     t_s: tuple[float, ...]
     optics: Mapping[str, float]
+    odd: list[str]
 
     @classmethod
     def matches(cls, path: Path) -> bool:
@@ -45,20 +48,27 @@ class RedwoodFolder(FramesAlone):
         """Pair the images and read the calibration."""
         folder = next(path / name for name in COLOR if (path / name).is_dir())
         color, depth = _images(folder), _images(path / "depth")
-        for one, other, where in ((color, depth, path / "depth"), (depth, color, folder)):
-            lonely = sorted(set(one) - set(other))
-            if lonely:
-                problem = f"no image with the number of {one[lonely[0]].name}"
-                raise FormatError(problem, file=where, mend="add it, or remove the other")
+        timed = all(_stamp_s(image) is not None for image in (*color.values(), *depth.values()))
+        odd: list[str] = []
+        if timed:
+            color, depth, odd = _by_time(color, depth, path)
+        else:
+            _check_numbers(color, depth, folder, path / "depth")
         content, optics = _intrinsics(path)
-        numbers = sorted(depth)
         times = _times(depth, asked.given.rate_hz or content.get("fps"), asked.given.file)
-        return cls(tuple(color[n] for n in numbers), tuple(depth[n] for n in numbers), times, optics)
+        return cls(
+            tuple(color[n] for n in sorted(depth)), tuple(depth[n] for n in sorted(depth)), times, optics, odd
+        )
 
     @property
     def count(self) -> int:
         """How many pairs there are."""
         return len(self.t_s)
+
+    @property
+    def doubts(self) -> list[str]:
+        """Images that are left out: none of the other kind was taken at their time."""
+        return self.odd
 
     def shots(self) -> Iterator[Shot]:
         """One pair after the other."""
@@ -105,13 +115,40 @@ def _images(folder: Path) -> dict[int, Path]:
     return numbered(folder, (".png", ".jpg", ".jpeg"))
 
 
+def _stamp_s(image: Path) -> float | None:
+    name = NAME.fullmatch(image.stem)
+    return int(name["time_us"]) / 10**6 if name and name["time_us"] else None
+
+
 def _times(depth: dict[int, Path], rate_hz: float | None, asked_in: Path) -> tuple[float, ...]:
     times = []
     for number in sorted(depth):
-        name = NAME.fullmatch(depth[number].stem)
-        stamp = name and name["time_us"]
-        times.append(int(stamp) / 10**6 if stamp else at_rate(number, rate_hz, asked_in, depth[number]))
+        stamp_s = _stamp_s(depth[number])
+        times.append(at_rate(number, rate_hz, asked_in, depth[number]) if stamp_s is None else stamp_s)
     return tuple(times)
+
+
+def _check_numbers(color: dict[int, Path], depth: dict[int, Path], colors: Path, depths: Path) -> None:
+    for one, other, where in ((color, depth, depths), (depth, color, colors)):
+        lonely = sorted(set(one) - set(other))
+        if lonely:
+            problem = f"no image with the number of {one[lonely[0]].name}"
+            raise FormatError(problem, file=where, mend="add it, or remove the other")
+
+
+def _by_time(
+    color: dict[int, Path], depth: dict[int, Path], path: Path
+) -> tuple[dict[int, Path], dict[int, Path], list[str]]:
+    """Colour and depth by the depth image's number, where both were taken at one time; who is left out."""
+    kinds = {"depth": [depth[n] for n in sorted(depth)], "color": [color[n] for n in sorted(color)]}
+    stamps = {kind: np.array([_stamp_s(image) for image in images]) for kind, images in kinds.items()}
+    for kind, t_s in stamps.items():
+        check_clock(t_s, path, kind)
+    pairs = paired(stamps["depth"], stamps["color"], path)
+    odd = [line for kind, t_s in stamps.items() for line in unpaired(t_s, len(pairs), path, kind, kind)]
+    numbers = sorted(depth)
+    near = {numbers[row]: kinds["color"][other] for row, other in pairs}
+    return near, {number: depth[number] for number in near}, odd
 
 
 def _intrinsics(folder: Path) -> tuple[dict[str, Any], dict[str, float]]:

@@ -147,6 +147,17 @@ def unnamed(folder: Path) -> None:
         path.rename(path.with_name(f"{path.stem[:7]}.png"))
 
 
+def unnumbered(folder: Path) -> None:
+    unnamed(folder)
+    (folder / "color/0000002.png").unlink()
+
+
+def late(folder: Path) -> None:
+    """The colour images are of half a second later."""
+    for path in [*folder.glob("color/*.png")]:
+        path.rename(path.with_name(f"{path.stem[:8]}{int(path.stem[8:]) + 500_000}.png"))
+
+
 def truncated_jpeg(folder: Path) -> None:
     path = sorted(folder.glob("color/*.png"))[1]
     data = cv2.imencode(".jpg", np.random.default_rng(0).integers(0, 255, (24, 32, 3), np.uint8))[1].tobytes()
@@ -165,10 +176,8 @@ REDWOOD: list[tuple[Spoil, str]] = [
     (intrinsics(fps="fast"), "camera_intrinsic.json: a number in it is none, or not positive"),
     (cut("camera_intrinsic.json"), "camera_intrinsic.json: is no camera of Open3D"),
     (intrinsics(depth_scale=1.0), "with depth_scale 1; correct camera.depth_scale"),
-    (
-        lambda folder: sorted(folder.glob("color/*.png"))[1].unlink(),
-        "color: no image with the number of 00000",
-    ),
+    (unnumbered, "color: no image with the number of 0000002.png"),
+    (late, "source: the nearest color and depth images are 0.3 s apart; bring both to one clock"),
     (unnamed, "object.json: rate_hz: when 0000001.png was taken is not recorded"),
 ]
 

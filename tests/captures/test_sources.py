@@ -252,6 +252,23 @@ def test_times_come_from_the_rate_where_names_have_none(tmp_path: Path) -> None:
     np.testing.assert_array_equal(index.t_s, [0.05, 0.1, 0.15])
 
 
+def test_times_in_names_pair_what_was_counted_apart(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """The first colour image is lost, and the others are numbered anew."""
+    shot = foreign.frames(4)
+    folder = foreign.redwood(tmp_path / "source", shot)
+    for row, path in enumerate(sorted(folder.glob("color/*.png"))):
+        path.rename(path.with_name(f"{row:07d}{path.name[7:]}")) if row else path.unlink()
+    index = ingest(folder, tmp_path / "out", object_json=foreign.given(tmp_path / "object.json"))
+    np.testing.assert_array_equal(index.t_s, [ns / 10**9 for ns in shot.ns[1:]])
+    for row, frame in enumerate(open_capture(tmp_path / "out").frames(), 1):
+        np.testing.assert_array_equal(frame.color, shot.color[row])
+        np.testing.assert_array_equal(frame.depth_m, shot.depth[row] / np.float32(1000))
+    assert "depth: 1 of 4 depth images have no color image at their time" in caplog.text
+    next(folder.glob("depth/0000003*")).unlink()
+    assert len(ingest(folder, tmp_path / "less", object_json=tmp_path / "object.json").t_s) == 2
+    assert "color: 1 of 3 color images have no depth image at their time" in caplog.text
+
+
 def test_a_depth_image_without_its_color_is_left_out(tmp_path: Path) -> None:
     shot = foreign.frames()
     folder = foreign.tum(tmp_path / "source", shot)
