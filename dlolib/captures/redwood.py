@@ -166,6 +166,9 @@ def _intrinsics(folder: Path) -> tuple[dict[str, Any], dict[str, float]]:
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         mend = "give width, height and intrinsic_matrix (9 numbers, column by column)"
         raise FormatError("is no camera of Open3D", file=path, mend=mend) from error
+    if not np.array_equal(matrix[2], [0, 0, 1]):
+        problem = f"the last row of the camera's matrix is {matrix[2].tolist()}, not [0, 0, 1]"
+        raise FormatError(problem, file=path, place="intrinsic_matrix", mend="give it column by column")
     numbers = [*optics.values(), *([] if rate is None else [rate])]
     plausible = all(isinstance(n, int | float) and np.isfinite(n) for n in numbers)
     if not plausible or min(optics["fx"], optics["fy"], optics["depth_scale"], rate or 1) <= 0:

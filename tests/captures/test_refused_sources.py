@@ -172,7 +172,14 @@ REDWOOD: list[tuple[Spoil, str]] = [
     (small("depth/*.png"), "is 16 x 12 pixels, the camera 32 x 24"),
     (intrinsics(width=31), "is 32 x 24 pixels, the camera 31 x 24"),
     (intrinsics(intrinsic_matrix=[1, 2, 3]), "camera_intrinsic.json: is no camera of Open3D"),
-    (intrinsics(intrinsic_matrix=[0] * 9), "camera_intrinsic.json: a number in it is none, or not positive"),
+    (
+        intrinsics(intrinsic_matrix=[0] * 8 + [1]),
+        "camera_intrinsic.json: a number in it is none, or not posi",
+    ),
+    (
+        intrinsics(intrinsic_matrix=[30, 0, 15.5, 0, 31, 11.25, 0, 0, 1]),
+        "intrinsic_matrix: the last row of the camera's matrix is [15.5, 11.25, 1.0], not [0, 0, 1]; give",
+    ),
     (intrinsics(fps="fast"), "camera_intrinsic.json: a number in it is none, or not positive"),
     (cut("camera_intrinsic.json"), "camera_intrinsic.json: is no camera of Open3D"),
     (intrinsics(depth_scale=1.0), "with depth_scale 1; correct camera.depth_scale"),
