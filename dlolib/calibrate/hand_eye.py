@@ -8,6 +8,7 @@ begins, least squares on the corners as they are seen ends it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,11 +16,13 @@ import cv2
 import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
+from scipy.stats import t as student
 
 from dlolib.calibrate.board import Board, Sighting, read_board, sighting
 from dlolib.calibrate.folder import Shots, read_shots, read_tool_poses
 from dlolib.calibrate.plane_pose import PlanePose, plane_pose, posed, projected
 from dlolib.errors import FormatError
+from dlolib.formats import say
 from dlolib.progress import track
 from dlolib.types import Floats, Ints
 
@@ -31,6 +34,9 @@ WORST_M, WORST_RAD = 0.01, np.radians(2.0)
 # So many times better must the other arrangement fit to be believed.
 CLEARLY = 5.0
 CORNER_PX = 1.0
+# A board's size or a focal length so far off, at so small a chance, is doubted: 0.3 % of 0.7 m are 2 mm.
+DOUBTED, CHANCE = 0.003, 0.001
+POSES = 12
 
 
 @dataclass(frozen=True)
@@ -41,7 +47,8 @@ class HandEye:
     is given; for each, how far apart the board is as the camera sees it and as the robot holds it,
     residual_m [m] (of its middle) and residual_rad, and the corners' RMS residual_px. unseen: frames without
     a board. sd_m, sd_rad: standard deviations of the world's place of a point where the board was, and of the
-    camera's turn, from the frames' disagreement. sightings and fitted_px (K, 2): each frame's corners as
+    camera's turn, from the frames' disagreement, if square_m and the focal length are right: doubts say where
+    they seem not to be. sightings and fitted_px (K, 2): each frame's corners as
     found, as fitted.
     """
 
@@ -56,6 +63,7 @@ class HandEye:
     unseen: tuple[int, ...]
     sd_m: float
     sd_rad: float
+    doubts: tuple[str, ...]
     sightings: tuple[Sighting, ...]
     fitted_px: tuple[Floats, ...]
 
@@ -93,13 +101,15 @@ def calibrate_hand_eye(folder: Path) -> HandEye:
         )
         mend = "check square_m, the poses' units and axes, and that each pose is that of its frame"
         raise FormatError(problem, file=poses_csv, place="residual", mend=mend)
+    doubts = _doubts(frames, camera, held, shots, board)
+    say(doubts)
     fitted = _seen_from(frames, camera, held, shots.matrix)
     pixels = [
         np.sqrt(np.mean(np.sum((f - s.pixel) ** 2, axis=1))) for f, s in zip(fitted, frames.seen, strict=True)
     ]
     return HandEye(
         board, shots, camera, held, np.array(frames.frame), apart_m, apart_rad, np.array(pixels), unseen,
-        sd_m, sd_rad, tuple(frames.seen), tuple(fitted),
+        sd_m, sd_rad, doubts, tuple(frames.seen), tuple(fitted),
     )  # fmt: skip
 
 
@@ -200,10 +210,7 @@ def _check_arrangement(frames: _Frames, camera: Floats, path: Path) -> None:
 def _refined(
     frames: _Frames, camera: Floats, held: Floats, board: Board, matrix: Floats
 ) -> tuple[Floats, Floats, float, float]:
-    """Least squares on the corners; with standard deviations of place (where the board was) and turn.
-
-    What a pose of the robot is off by all corners of its frame share: the covariance is that of clusters.
-    """
+    """Least squares on the corners; with standard deviations of place (where the board was) and turn."""
     about = np.mean((frames.tool @ held @ np.append(board.middle_m, 1.0))[:, :3], axis=0)
 
     def unpacked(values: Floats) -> tuple[Floats, Floats]:
@@ -212,12 +219,53 @@ def _refined(
         turned[:3, 3] = about - turned[:3, :3] @ about + values[3:6]
         return turned @ camera, held @ posed(values[6:])
 
+    values, covariance = _fitted(frames, POSES, lambda values: _seen_from(frames, *unpacked(values), matrix))
+    found, grip = unpacked(values)
+    sd_rad, sd_m = (float(np.sqrt(np.trace(covariance[part, part]))) for part in (slice(3), slice(3, 6)))
+    return found, grip, sd_m, sd_rad
+
+
+def _doubts(frames: _Frames, camera: Floats, held: Floats, shots: Shots, board: Board) -> tuple[str, ...]:
+    """Where the frames agree with another size of the board or another focal length, a line each.
+
+    Both are free beside the poses: the robot's own way tells the one, perspective the other. A wrong one
+    hides in the camera's place, and the frames' disagreement tells a tenth of what is off.
+    """
+
+    def seen(values: Floats) -> list[Floats]:
+        size, focal = 1 + values[POSES:]
+        matrix = shots.matrix * np.array([[focal, 1, 1], [1, focal, 1], [1, 1, 1]])
+        eye, grip = camera @ posed(values[:6]), held @ posed(values[6:POSES])
+        return _seen_from(frames, eye, grip, matrix, size)
+
+    values, covariance = _fitted(frames, POSES + 2, seen)
+    off, sd = values[POSES:], np.sqrt(np.diag(covariance))[POSES:]
+    # a frame tells six numbers: the unknowns use up more than two frames
+    doubted = np.abs(off) > np.maximum(DOUBTED, student.isf(CHANCE / 2, len(frames.seen) - 3) * sd)
+    square, fx = (1 + off) * [board.model.square_m, shots.matrix[0, 0]]
+    found = (
+        ("board.json", "square_m", f"{square:.4g} m", "measure the printed squares, and marker_m"),
+        ("capture.json", "camera.fx", f"{fx:.4g} pixels", "calibrate the camera, and straighten its images"),
+    )
+    lines = []
+    for row in np.flatnonzero(doubted):
+        file, place, value, mend = found[row]
+        problem = f"the frames agree with {value}, {100 * off[row]:+.2f} ± {100 * sd[row]:.2f} %"
+        lines.append(str(FormatError(problem, file=file, place=place, mend=mend)))
+    return tuple(lines)
+
+
+def _fitted(frames: _Frames, count: int, seen: Callable[[Floats], list[Floats]]) -> tuple[Floats, Floats]:
+    """The unknowns, begun with 0, with which the corners are seen where they were found; their covariance.
+
+    What a pose of the robot is off by all corners of its frame share: the covariance is that of clusters.
+    """
+
     def residual(values: Floats) -> Floats:
-        seen = _seen_from(frames, *unpacked(values), matrix)
-        off = [(fitted - one.pixel).ravel() for fitted, one in zip(seen, frames.seen, strict=True)]
+        off = [(fitted - one.pixel).ravel() for fitted, one in zip(seen(values), frames.seen, strict=True)]
         return np.concatenate(off)
 
-    fit = least_squares(residual, np.zeros(12), x_scale="jac", loss="cauchy", f_scale=CORNER_PX)
+    fit = least_squares(residual, np.zeros(count), x_scale="jac", loss="cauchy", f_scale=CORNER_PX)
     jacobian = np.asarray(least_squares(residual, fit.x, max_nfev=1).jac)
     off = residual(fit.x)
     weight = 1 / (1 + (off / CORNER_PX) ** 2)
@@ -229,15 +277,17 @@ def _refined(
         own, light = jacobian[owner == frame], weight[owner == frame]
         held_back = np.eye(len(own)) - own @ bread @ (light[:, None] * own).T
         pulls.append(own.T @ (light * np.linalg.solve(held_back, off[owner == frame])))
-    covariance = bread @ np.transpose(pulls) @ np.array(pulls) @ bread * (1 - 1 / len(pulls))
-    found, grip = unpacked(fit.x)
-    sd_rad, sd_m = (float(np.sqrt(np.trace(covariance[part, part]))) for part in (slice(3), slice(3, 6)))
-    return found, grip, sd_m, sd_rad
+    return fit.x, bread @ np.transpose(pulls) @ np.array(pulls) @ bread * (1 - 1 / len(pulls))
 
 
-def _seen_from(frames: _Frames, camera: Floats, held: Floats, matrix: Floats) -> list[Floats]:
+def _seen_from(
+    frames: _Frames, camera: Floats, held: Floats, matrix: Floats, size: float = 1.0
+) -> list[Floats]:
+    """Where each frame's corners are seen [px], on a board `size` times as large as it is said to be."""
     poses = np.linalg.inv(camera) @ frames.tool @ held
-    return [projected(pose, one.object_m, matrix) for pose, one in zip(poses, frames.seen, strict=True)]
+    return [
+        projected(pose, size * one.object_m, matrix) for pose, one in zip(poses, frames.seen, strict=True)
+    ]
 
 
 def _apart(frames: _Frames, camera: Floats, held: Floats, board: Board) -> tuple[Floats, Floats]:

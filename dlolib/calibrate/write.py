@@ -75,6 +75,7 @@ def _camera(found: HandEye) -> dict[str, Any]:
             {"frame": int(f), "mm": 1e3 * float(m), "degrees": float(np.degrees(r)), "px": float(p)}
             for f, m, r, p in rows
         ],
+        "doubts": list(found.doubts),
         "frames_without_board": list(found.unseen),
     }
 

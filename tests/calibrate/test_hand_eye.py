@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -51,7 +52,7 @@ def test_the_pose_that_was_rendered_comes_out(
     place, turn = off(found.world_from_camera, boards.VIEW, np.array([0, 0, 0.62]))
     assert place < limit_mm and turn < 0.03
     assert place < 5e3 * found.sd_m and found.residual_px.max() < 0.3
-    assert found.unseen == () and len(found.frame) == 10
+    assert found.doubts == () and found.unseen == () and len(found.frame) == 10
 
 
 def test_prints_of_an_older_opencv_are_known_by_their_key(tmp_path: Path) -> None:
@@ -72,7 +73,32 @@ def test_the_robot_s_noise_shows_in_the_residual_and_in_the_deviation(tmp_path: 
     place, turn = off(found.world_from_camera, boards.VIEW, np.array([0, 0, 0.62]))
     assert 1e-3 < np.sqrt(np.mean(found.residual_m**2)) < 4e-3
     assert place < 3e3 * found.sd_m and turn < 3 * np.degrees(found.sd_rad)
-    assert 0.1e-3 < found.sd_m < 2e-3
+    assert 0.1e-3 < found.sd_m < 2e-3 and found.doubts == ()
+
+
+@pytest.mark.parametrize(
+    ("file", "wrong", "says"),
+    [
+        (
+            "board.json",
+            ('"square_m": 0.03', '"square_m": 0.0303'),
+            r"board.json: square_m: .* with 0\.0(2999|3) m, -1\.0",
+        ),
+        (
+            "capture.json",
+            ("504.0", "514.08"),
+            r"capture.json: camera.fx: .* with 50[345](\.\d)? pixels, -[12]\.\d",
+        ),
+    ],
+)
+def test_a_wrong_size_or_focal_length_is_doubted(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, file: str, wrong: tuple[str, str], says: str
+) -> None:
+    """By one and by two percent: the camera then is 4 and 12 mm off, at a deviation of less than 1 mm."""
+    folder = recorded(tmp_path / "c", boards.CHARUCO, boards.arm(10))
+    (folder / file).write_text((folder / file).read_text().replace(*wrong))
+    (doubt,) = calibrate_hand_eye(folder).doubts
+    assert re.match(says, doubt) and doubt in caplog.text
 
 
 def test_one_wrong_pose_spoils_its_own_frame_alone(tmp_path: Path) -> None:
@@ -80,7 +106,7 @@ def test_one_wrong_pose_spoils_its_own_frame_alone(tmp_path: Path) -> None:
     tools = [*arm.tool[:5], boards.pose([0.01, 0, 0.01]) @ arm.tool[5], *arm.tool[6:]]
     found = calibrate_hand_eye(recorded(tmp_path / "c", boards.GRID, arm, tools))
     assert off(found.world_from_camera, boards.VIEW, np.array([0, 0, 0.62]))[0] < 1.0
-    assert int(np.argmax(found.residual_m)) == 5
+    assert int(np.argmax(found.residual_m)) == 5 and found.doubts == ()
 
 
 def test_it_is_written_into_a_capture(tmp_path: Path) -> None:
