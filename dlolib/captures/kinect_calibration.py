@@ -79,13 +79,14 @@ class Calibration:
         if len(points):
             turn, _ = cv2.Rodrigues(self.color_from_depth[:3, :3])
             place = self.color_from_depth[:3, 3]
-            pixels, _ = cv2.projectPoints(points, turn, place, self.color.matrix, self.color.distortion)
+            found, _ = cv2.projectPoints(points, turn, place, self.color.matrix, self.color.distortion)
             away = points @ self.color_from_depth[2, :3] + place[2]
-            hidden = self._hidden(pixels[:, 0], away, color.shape)
+            pixels = np.asarray(found[:, 0], dtype=np.float64)
+            hidden = self._hidden(pixels, away, color.shape)
             if hidden.any():
                 _, beside = cKDTree(points[~hidden]).query(points[hidden])
                 pixels[hidden] = pixels[~hidden][beside]
-            seen[rows, columns] = pixels[:, 0]
+            seen[rows, columns] = pixels
         mixed = cv2.remap(color, seen[..., 0], seen[..., 1], cv2.INTER_LINEAR)
         mixed[flat == 0] = 0
         return np.asarray(mixed, dtype=np.uint8), flat
@@ -95,7 +96,7 @@ class Calibration:
         pitch = self.color.matrix[0, 0] / self.depth.matrix[0, 0]
         cells = np.rint(pixels / pitch).astype(np.int64)[:, ::-1]
         size = np.array(shape[:2]) // pitch + 1
-        hidden = ((cells >= 0) & (cells < size)).all(axis=1)
+        hidden: NDArray[np.bool_] = ((cells >= 0) & (cells < size)).all(axis=1)
         row, column = cells[hidden].T
         nearest = np.full(size.astype(int), np.inf, dtype=np.float32)
         np.minimum.at(nearest, (row, column), away_m[hidden].astype(np.float32))

@@ -178,7 +178,8 @@ def _info(bag: Bag, topics: Mapping[Role, str], asked: Asked) -> str | None:
     if named is not None and named not in infos:
         raise _unknown(bag, "camera_info", named, infos)
     rectified = _rectified(topics)
-    beside = [_sibling(topics[role], infos) for role in sorted(("depth", "color"), key=rectified.__getitem__)]
+    roles: list[Role] = ["depth", "color"]
+    beside = [_sibling(topics[role], infos) for role in sorted(roles, key=lambda role: rectified[role])]
     name = named or next(filter(None, beside), None)
     if name is None and len(infos) > 1:
         mend = f"name one: --topic camera_info=NAME, of {', '.join(infos)}"
