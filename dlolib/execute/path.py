@@ -13,6 +13,10 @@ from dlolib.execute.stream import turn_between
 from dlolib.formats.motion import interpolate_motion
 from dlolib.types import Floats, Motion
 
+SLOWER = "run it slower (time_scale in robot.json)"
+# Steps of a period are differences of nearly equal numbers.
+SAMPLED_ROUNDING = 1e-6
+
 
 def path_in_base(motion: Motion, config: RobotConfig) -> Motion:
     """The trajectory with its end as the pose of the tool (TCP) in the robot's base frame.
@@ -51,6 +55,12 @@ def sampled(path: Motion, period_s: float) -> Floats:
     return tool_vectors(interpolate_motion(path, path.t_s[0] + period_s * np.arange(steps + 1)))
 
 
+def turn_as_stored(first: Floats, second: Floats) -> Floats:
+    """Angles [rad], 0 to 2π, by which slerp turns from unit quaternions (N, 4) to others, signs as stored."""
+    dot = np.sum(first * second, axis=-1)
+    return np.asarray(2 * np.arccos(np.clip(dot, -1.0, 1.0)), dtype=np.float64)
+
+
 def check_path(path: Motion, limits: Limits, file: Path | None = None) -> None:
     """Refuse a tool path that leaves the workspace or the reach, is too fast, or sampled too coarsely.
 
@@ -65,6 +75,31 @@ def check_path(path: Motion, limits: Limits, file: Path | None = None) -> None:
     _check_place(path, limits, file)
     _check_steps(path, limits, file)
     _check_acceleration(path, limits, file)
+
+
+def check_samples(poses: Floats, period_s: float, limits: Limits) -> None:
+    """Refuse what is about to be streamed where a step of it is faster than the limits allow.
+
+    Args:
+        poses: from `sampled`, one controller period apart (N, 6).
+        period_s: the controller's period [s].
+        limits: of the robot.
+
+    Raises:
+        MotionRefused: names the first offending step's time, the value and the limit.
+    """
+    speed = np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1) / period_s
+    turning = turn_between(poses[:-1, 3:], poses[1:, 3:]) / period_s
+    for value, limit, unit, what in (
+        (speed, limits.speed_m_s, "m/s", "the tool would move at"),
+        (turning, limits.angular_speed_rad_s, "rad/s", "the tool would turn at"),
+    ):
+        bad = np.flatnonzero(value > limit * (1 + SAMPLED_ROUNDING))
+        if bad.size:
+            at = int(bad[0])
+            problem = f"{what} {value[at]:.3g} {unit}, the limit is {limit:g} {unit}"
+            place = f"{at * period_s:.3f} s after the path's beginning"
+            raise MotionRefused(problem, place=place, mend=SLOWER)
 
 
 def _refuse(path: Motion, row: int, problem: str, mend: str, file: Path | None) -> MotionRefused:
@@ -85,12 +120,11 @@ def _check_steps(path: Motion, limits: Limits, file: Path | None) -> None:
     if (bad := np.flatnonzero(~(gap_s > 0))).size:
         raise _refuse(path, int(bad[0]) + 1, "t_s does not rise", "sort the rows by t_s", file)
     move_m = np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1)
-    turn_rad = turn_between(poses[:-1, 3:], poses[1:, 3:])
-    slower = "run it slower (time_scale in robot.json)"
+    turn_rad = turn_as_stored(path.end_q[:-1], path.end_q[1:])
     finer = "sample the trajectory more finely"
     for value, limit, unit, what, mend in (
-        (move_m / gap_s, limits.speed_m_s, "m/s", "the tool moves at", slower),
-        (turn_rad / gap_s, limits.angular_speed_rad_s, "rad/s", "the tool turns at", slower),
+        (move_m / gap_s, limits.speed_m_s, "m/s", "the tool moves at", SLOWER),
+        (turn_rad / gap_s, limits.angular_speed_rad_s, "rad/s", "the tool turns at", SLOWER),
         (move_m, limits.step_m, "m", "the step to this row is", finer),
         (turn_rad, limits.step_rad, "rad", "the turn to this row is", finer),
     ):
@@ -98,6 +132,9 @@ def _check_steps(path: Motion, limits: Limits, file: Path | None) -> None:
         if bad.size:
             row = int(bad[0])
             problem = f"{what} {value[row]:.3g} {unit}, the limit is {limit:g} {unit}"
+            if unit.startswith("rad") and turn_rad[row] > np.pi:
+                problem += f" (the quaternions' signs tell to turn the long way, by {turn_rad[row]:.3g} rad)"
+                mend = "give the quaternions of neighbouring rows one sign"
             raise _refuse(path, row + 1, problem, mend, file)
 
 

@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from dlolib.errors import MotionRefused
-from dlolib.execute.limits import RobotConfig
-from dlolib.execute.path import sampled, tool_vectors
+from dlolib.execute.limits import Limits, RobotConfig
+from dlolib.execute.path import check_samples, sampled, tool_vectors
 from dlolib.execute.robots import ROBOTS
 from dlolib.execute.stream import Outcome
 from dlolib.types import Motion
@@ -58,7 +58,7 @@ def move(config: RobotConfig, host: str, path: Motion, raw: Path) -> Outcome:
         raw: file for the recorder.
 
     Raises:
-        MotionRefused: by the robot, before the first motion.
+        MotionRefused: before the first motion, by the robot or for what would be streamed to it.
     """
     job = {
         "robot": config.robot,
@@ -68,7 +68,7 @@ def move(config: RobotConfig, host: str, path: Motion, raw: Path) -> Outcome:
         "rows": tool_vectors(path).tolist(),
     }
     with interruptions() as interrupted:
-        driver = _Driver(job, path)
+        driver = _Driver(job, path, config.limits)
         try:
             return driver.listen(interrupted) or driver.after_crash(config, host)
         finally:
@@ -78,8 +78,8 @@ def move(config: RobotConfig, host: str, path: Motion, raw: Path) -> Outcome:
 class _Driver:
     """The running process. `handle` is its standard input: closing it ends the motion."""
 
-    def __init__(self, job: dict[str, Any], path: Motion) -> None:
-        self.path = path
+    def __init__(self, job: dict[str, Any], path: Motion, limits: Limits) -> None:
+        self.path, self.limits = path, limits
         self.hear, tell = Pipe(duplex=False)
         package = str(Path(__file__).parents[2])
         search = os.pathsep.join([package, *filter(None, [os.environ.get("PYTHONPATH")])])
@@ -130,7 +130,9 @@ class _Driver:
         if event["event"] == "ended":
             return Outcome(event["completed"], event["reason"], self.streamed_from_s)
         if event["event"] == "connected":
-            self._tell(sampled(self.path, event["period_s"]).tolist())
+            poses = sampled(self.path, event["period_s"])
+            check_samples(poses, event["period_s"], self.limits)
+            self._tell(poses.tolist())
             return None
         self.moving = True
         self.streamed_from_s = event.get("streamed_from_s", self.streamed_from_s)

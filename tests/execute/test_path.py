@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from dlolib.errors import MotionRefused
 from dlolib.execute import Limits, RobotConfig, check_path, path_in_base
-from dlolib.execute.path import sampled, tool_vectors
+from dlolib.execute.path import check_samples, sampled, tool_vectors
 from dlolib.types import Motion
 
 from .conftest import FIRST_M, TURN, arc
@@ -71,6 +71,13 @@ def turning(rad: float) -> Motion:
     return replace(motion, end_q=turn)
 
 
+def flipping() -> Motion:
+    """A turn about y from 178 to 182 degrees in 0.8 s, logged with w >= 0: half way all signs flip."""
+    motion, angle = arc(0.8, 0.0), np.deg2rad(np.linspace(178.2, 182, 41))
+    turn = np.stack([np.cos(angle / 2), 0 * angle, np.sin(angle / 2), 0 * angle], axis=1)
+    return replace(motion, end_q=np.where(turn[:, :1] < 0, -turn, turn))
+
+
 def with_row(row: int, value: float) -> Motion:
     """The arc with one row's x [m] replaced."""
     end_m = arc().end_m.copy()
@@ -81,6 +88,7 @@ def with_row(row: int, value: float) -> Motion:
 REFUSED = {
     "turns too fast": (turning(0.5), "turns at 2.5 rad/s"),
     "turns too far in a step": (turning(2.5), "turns at"),
+    "signs flip": (flipping(), "row 20 .*the long way, by 6.28 rad.; give .* one sign"),
     "out of reach": (with_row(7, 0.9), "row 8 .line 9, t_s = 0.14.: the tool at .0.900"),
     "one jump": (with_row(20, 0.47), "row 21"),
     "time stands still": (replace(arc(), t_s=np.r_[arc().t_s[:-1], arc().t_s[-2]]), "does not rise"),
@@ -96,8 +104,15 @@ def test_the_first_offending_row_is_named(case: str) -> None:
 
 
 def test_a_path_within_the_limits_passes() -> None:
-    check_path(arc(), Limits())
-    check_path(turning(0.19), Limits())
+    for path in (arc(), turning(0.19)):
+        check_path(path, Limits())
+        check_samples(sampled(path, 0.002), 0.002, Limits())
+
+
+def test_what_would_be_streamed_is_held_against_the_speed_limits_itself() -> None:
+    for path, message in ((flipping(), "would turn at 314 rad/s"), (arc(0.2), "would move at 0.469 m/s")):
+        with pytest.raises(MotionRefused, match=message):
+            check_samples(sampled(path, 0.002), 0.002, Limits())
 
 
 def test_speed_up_from_rest_counts_as_acceleration() -> None:

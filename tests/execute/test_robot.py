@@ -160,6 +160,17 @@ def test_a_path_outside_the_limits_is_refused_and_the_robot_hears_nothing(
     assert not (tmp_path / "out").exists()
 
 
+def test_what_would_be_streamed_too_fast_is_refused_and_the_robot_stands_still(
+    robots: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("dlolib.execute.robot_run.check_path", lambda *_: None)
+    robot = robots()
+    with pytest.raises(MotionRefused, match="would move at 0.469 m/s"):
+        execute_on_robot(FAST, robot.host, RobotConfig(), tmp_path / "out")
+    assert not robot.moved()
+    assert not (tmp_path / "out").exists()
+
+
 ROBOTS_OWN = {
     "its own safety limits": (("--floor", "0.31"), Limits(), "outside the robot's own safety limits"),
     "its joints": ((), replace(Limits(), joints_rad=((-1,) * 6, (0.41, 1, 1, 2, 2, 2))), "joint 1 at"),
