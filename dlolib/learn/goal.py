@@ -28,8 +28,12 @@ def check_learnable(layout: Layout) -> None:
     """Refuse what `formats.read_layout` lets pass and no path can be learned for.
 
     Raises:
-        LayoutError: an end is free, the goal covers a part of the rope, or A and B leave no plane for (16).
+        LayoutError: an end is free, the goal covers a part of the rope, A and B leave no plane for (16), or
+            there are obstacles and the rope's thickness is not known.
     """
+    if layout.obstacles and layout.rope.diameter_m is None:
+        problem = "not known, and a rope of no thickness keeps no clearance to the obstacles"
+        raise LayoutError(problem, file=layout.name, place="object.diameter_m", mend="measure it")
     if (layout.ends.start, layout.ends.end) != ("clamped", "clamped"):
         raise LayoutError("an end is free", file=layout.name, place="ends", mend="clamp both: one is moved")
     s_m, length = layout.goal_s_m, layout.rope.length_m

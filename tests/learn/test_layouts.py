@@ -1,5 +1,6 @@
 """What the committed layouts must be, so that learning them means something."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -64,8 +65,13 @@ def test_layout_2_bends_past_the_laboratorys_yield_curvature() -> None:
 
 
 def test_a_layout_without_a_plane_for_its_arcs_is_refused(layout: Layout) -> None:
-    from dataclasses import replace
-
     above = layout.goal_m[-1] + [0, 0, 0.1]
     with pytest.raises(LayoutError, match="straight above"):
         check_learnable(replace(layout, grasp=replace(layout.grasp, position_m=above)))
+
+
+def test_beside_obstacles_the_thickness_must_be_known(layout: Layout) -> None:
+    thin = replace(layout, rope=replace(layout.rope, diameter_m=None))
+    with pytest.raises(LayoutError, match="object.diameter_m: not known"):
+        check_learnable(thin)
+    check_learnable(replace(thin, obstacles=()))
