@@ -22,6 +22,8 @@ NEAREST, PIECES = 4, 8
 # A critically damped weld follows a steady motion by twice its time constant; the target leads by as much.
 WELD_LAG_S = 2 * STIFF[0]
 STILL_M, MOST_REACH = 1e-6, 0.999
+# A rope that rests on an obstacle in its first shape sinks in by a few tenths of this.
+SUNK_M = 1e-3
 
 
 @dataclass(frozen=True)
@@ -68,13 +70,15 @@ def play(
         settle_s: how long the last pose is held [s].
 
     Raises:
-        ParameterError: an end is free, the start moves, a sample lies outside, the ends are too far apart.
+        ParameterError: an end is free, the start moves, a sample lies outside, the ends are too far apart,
+            or an obstacle stands in the rope's first shape.
         SimulationError: the chain became unstable.
     """
     samples = motion.t_s if sample_times_s is None else np.asarray(sample_times_s, dtype=float)
     _check(rope, motion, samples, settle_s)
     chain = _Chain(rope, motion, obstacles, np.asarray(gravity_m_s2, dtype=float))
     chain.approach(motion.end_m[0], motion.end_q[0])
+    _check_first(chain.axis(), rope, obstacles)
 
     steps = round((motion.t_s[-1] - motion.t_s[0] + settle_s) / TIME_STEP_S)
     times = motion.t_s[0] + TIME_STEP_S * np.arange(steps + 1)
@@ -183,6 +187,18 @@ def _clearance(xyz: Floats, obstacles: tuple[Obstacle, ...]) -> Floats:
     last = np.take_along_axis(xyz[:, 1:], nearest, axis=1)[:, :, None]
     fine = nearest_distance(obstacles, first + np.linspace(0, 1, PIECES + 1)[:, None] * (last - first))
     return np.asarray(np.minimum(coarse.min(axis=1), fine.min(axis=(1, 2))))
+
+
+def _check_first(xyz: Floats, rope: LabRope, obstacles: tuple[Obstacle, ...]) -> None:
+    """Refuse an obstacle in the first shape (M, 3): the rope came there as if there were none."""
+    for number, obstacle in enumerate(obstacles):
+        clearance = float(_clearance(xyz[None], (obstacle,))[0]) - rope.diameter_m / 2
+        if clearance < -SUNK_M:
+            raise ParameterError(
+                f"the rope's first shape is {-1e3 * clearance:.1f} mm inside it",
+                place=f"obstacle {number} ({obstacle.shape})",
+                mend="move the obstacle, or begin the motion elsewhere",
+            )
 
 
 def _check(rope: LabRope, motion: Motion, samples: Floats, settle_s: float) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from dlolib.errors import LayoutError
+from dlolib.formats import signed_distance
 from dlolib.types import Floats, Layout
 
 # Fewer points than this, or a first or last one further from the rope's ends, are no goal for all of it.
@@ -24,12 +25,16 @@ class GoalError:
     end_m: float
 
 
-def check_learnable(layout: Layout) -> None:
+def check_learnable(layout: Layout, clearance_m: float) -> None:
     """Refuse what `formats.read_layout` lets pass and no path can be learned for.
 
+    Args:
+        layout: what is to be learned.
+        clearance_m: that is asked for [m].
+
     Raises:
-        LayoutError: an end is free, the goal covers a part of the rope, A and B leave no plane for (16), or
-            there are obstacles and the rope's thickness is not known.
+        LayoutError: an end is free, the goal covers a part of the rope, A and B leave no plane for (16),
+            there are obstacles and the rope's thickness is not known, or one is too near to a held end.
     """
     if layout.obstacles and layout.rope.diameter_m is None:
         problem = "not known, and a rope of no thickness keeps no clearance to the obstacles"
@@ -47,6 +52,21 @@ def check_learnable(layout: Layout) -> None:
         problem = "the goal's last point lies at the grasp, or straight above or below it"
         mend = "move one: arcs turn about an axis that stands on the way between them and on the vertical"
         raise LayoutError(problem, file=layout.name, place="grasp.position_m", mend=mend)
+    _check_ends(layout, clearance_m)
+
+
+def _check_ends(layout: Layout, clearance_m: float) -> None:
+    """Where the rope is held it stays at least once: no path keeps further away than that."""
+    for end, pose in (("start", layout.start), ("grasp", layout.grasp)):
+        for number, obstacle in enumerate(layout.obstacles):
+            left_m = float(signed_distance(obstacle, pose.position_m)) - layout.rope.radius_m
+            if left_m < clearance_m:
+                problem = (
+                    f"the rope's surface is {1e3 * left_m:.1f} mm from obstacle {number} ({obstacle.shape}), "
+                    f"and {1e3 * clearance_m:g} mm are asked for"
+                )
+                mend = f"move the {end} or the obstacle, or ask for less (learn.clearance_m)"
+                raise LayoutError(problem, file=layout.name, place=f"{end}.position_m", mend=mend)
 
 
 def goal_at_particles(layout: Layout, particles: int) -> Floats:

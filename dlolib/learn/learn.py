@@ -66,7 +66,7 @@ def learn(
         LayoutError: no path can be learned for this layout.
         SimulationError: the rope could not be simulated.
     """
-    check_learnable(layout)
+    check_learnable(layout, settings.clearance_m)
     goal_m = goal_at_particles(layout, settings.particles)
     inputs = goal_m.size + PARAMETERS
     held = rope or HeldRope(layout, rod, settings, settings.contact_margin_m)

@@ -164,6 +164,13 @@ def test_the_rope_rests_on_every_obstacle(obstacle: Obstacle) -> None:
     assert np.linalg.norm(run.xyz_m[-1] - free.xyz_m[-1], axis=1).max() > 3e-3
 
 
+def test_an_obstacle_in_the_first_shape_is_refused() -> None:
+    motion, beside = path((0.38, 0.0), (0.36, 0.0)), cylinder(0.18, -0.15)
+    with pytest.raises(ParameterError, match=r"obstacle 1 \(cylinder\): .* first shape is \d+\.\d mm inside"):
+        play(COARSE, motion, (beside, cylinder(0.18, -0.1)))
+    assert play(COARSE, motion, (beside,)).clearance_m[0] > 0
+
+
 def test_what_the_laboratory_refuses() -> None:
     motion = path((0.38, 0.0), (0.36, 0.0))
     moving = replace(motion, start_m=motion.start_m + np.array([[0, 0, 0], [0.01, 0, 0]]))

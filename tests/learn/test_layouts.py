@@ -9,11 +9,12 @@ import pytest
 from dlolib.errors import LayoutError
 from dlolib.formats import nearest_distance, read_layout
 from dlolib.learn.goal import check_learnable
-from dlolib.types import Layout
+from dlolib.types import Layout, Obstacle
 
 LAYOUTS = sorted(Path("data/layouts").glob("layout_*"))
 YIELD_CURVATURE_1_M = 8.0
 GAP_HALF_M = 0.02
+CLEARANCE_M = 0.002
 
 
 @pytest.fixture(params=LAYOUTS, ids=lambda path: path.name)
@@ -67,11 +68,22 @@ def test_layout_2_bends_past_the_laboratorys_yield_curvature() -> None:
 def test_a_layout_without_a_plane_for_its_arcs_is_refused(layout: Layout) -> None:
     above = layout.goal_m[-1] + [0, 0, 0.1]
     with pytest.raises(LayoutError, match="straight above"):
-        check_learnable(replace(layout, grasp=replace(layout.grasp, position_m=above)))
+        check_learnable(replace(layout, grasp=replace(layout.grasp, position_m=above)), CLEARANCE_M)
 
 
 def test_beside_obstacles_the_thickness_must_be_known(layout: Layout) -> None:
     thin = replace(layout, rope=replace(layout.rope, diameter_m=None))
     with pytest.raises(LayoutError, match="object.diameter_m: not known"):
-        check_learnable(thin)
-    check_learnable(replace(thin, obstacles=()))
+        check_learnable(thin, CLEARANCE_M)
+    check_learnable(replace(thin, obstacles=()), CLEARANCE_M)
+
+
+@pytest.mark.parametrize("end", ["start", "grasp"])
+def test_an_obstacle_nearer_to_a_held_end_than_the_clearance_is_refused(layout: Layout, end: str) -> None:
+    held = layout.start if end == "start" else layout.grasp
+    below = held.position_m - [0.0, 0.0, layout.rope.radius_m + 0.01 + 0.001]
+    sphere = Obstacle("sphere", {"center_m": tuple(below), "radius_m": (0.01,)})
+    near = replace(layout, obstacles=(*layout.obstacles, sphere))
+    with pytest.raises(LayoutError, match=rf"{end}.position_m: .* 1.0 mm from obstacle 2 .sphere."):
+        check_learnable(near, CLEARANCE_M)
+    check_learnable(near, 0.0005)
