@@ -28,7 +28,8 @@ PATIENCE = 20
 class Learned:
     """What learning found: the kept iterate, its controller, and the curve over all iterations.
 
-    curve: iteration, loss, goal_error_mean_m, goal_error_max_m, min_clearance_m, contacts.
+    curve: iteration, loss, goal_error_mean_m, goal_error_max_m, min_clearance_m (of the rope's own surface,
+    while it touches obstacles contact_margin_m before), contacts, contact_margin_m.
     """
 
     layout: Layout
@@ -141,7 +142,8 @@ def _train(learner: Learner, bare: DifferentiableRope, settings: LearnSettings) 
     next(ticks, None)
     assert best is not None
     weights, kept, iteration = best
-    return Learned(learner.layout, settings, learner.trained(weights), kept, iteration, pd.DataFrame(rows))
+    curve = pd.DataFrame(rows).assign(contact_margin_m=settings.contact_margin_m)
+    return Learned(learner.layout, settings, learner.trained(weights), kept, iteration, curve)
 
 
 def _rank(episode: Episode, settings: LearnSettings) -> tuple[int, float]:
@@ -171,13 +173,12 @@ def ablate(layout: Layout, rod: Rod, settings: LearnSettings, seeds: Sequence[in
 
     Returns:
         One row per loss, seed and iteration: loss ("mse" | "contact"), seed, iteration, value,
-        goal_error_mean_m, min_clearance_m.
+        goal_error_mean_m, min_clearance_m, contact_margin_m.
     """
     tables = []
     for seed in seeds:
         for loss in ("mse", "contact"):
             curve = learn(layout, rod, replace(settings, loss=loss, seed=seed, starts=1, first_arc=0.0)).curve
-            columns = curve[["iteration", "goal_error_mean_m", "min_clearance_m"]]
-            tables.append(columns.assign(loss=loss, seed=seed, value=curve["loss"]))
-    order = ["loss", "seed", "iteration", "value", "goal_error_mean_m", "min_clearance_m"]
+            tables.append(curve.assign(loss=loss, seed=seed, value=curve["loss"]))
+    order = ["loss", "seed", "iteration", "value", "goal_error_mean_m", "min_clearance_m", "contact_margin_m"]
     return pd.concat(tables, ignore_index=True)[order]

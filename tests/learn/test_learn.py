@@ -104,6 +104,7 @@ def test_ablation_keeps_every_run() -> None:
     runs = pd.MultiIndex.from_frame(table[["loss", "seed"]]).unique()
     assert len(runs) == 4
     assert len(table) == 8
+    assert set(table["contact_margin_m"]) == {LearnSettings().contact_margin_m}
 
 
 def test_settings_that_do_not_fit_together_are_refused() -> None:

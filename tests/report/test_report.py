@@ -160,6 +160,15 @@ def test_headline_is_what_the_stages_measured(content: dict) -> None:
     assert headline["smallest_clearance_m"] == pytest.approx(0.0052 - 0.71 / 300)
 
 
+def test_a_run_at_an_obstacle_is_told_by_the_margin_of_learning(content: dict) -> None:
+    (words,) = [block for block in blocks_of(content, "paragraph") if "bare" in block["text"]]
+    assert "plain MSE, 5 of 5 runs end touching an obstacle" in words["text"]
+    assert "with contact term, 0 of 5 runs end touching an obstacle" in words["text"]
+    (table,) = [block for block in blocks_of(content, "table") if block["caption"] == "Figure by figure."]
+    ours = {row[0]: row[2] for row in table["rows"]}
+    assert ours["Plain MSE on layout 1, Fig. 11"].startswith("5 of 5 runs end touching an obstacle")
+
+
 def test_cards_say_which_command_gives_them(content: dict) -> None:
     (cards,) = blocks_of(content, "cards")
     assert len(cards["items"]) == 5

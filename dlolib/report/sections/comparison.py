@@ -10,7 +10,7 @@ from dlolib.report import paper
 from dlolib.report.headline import clear, headline, stiffness
 from dlolib.report.model import Column, Paragraph, Section, Table
 from dlolib.report.results import CAPTURED, Results
-from dlolib.report.sections.ablation import last_of_runs
+from dlolib.report.sections.ablation import last_of_runs, touching
 from dlolib.report.text import ABSENT, listed, millimetres, scientific, span, title
 
 Row = tuple[str, str, str, str]
@@ -129,9 +129,8 @@ def _ablation(results: Results) -> tuple[Row, ...]:
             ),
         ):
             runs = last_of_runs(table, loss)
-            touching = int((runs["min_clearance_m"] < 0).sum())
             ours = (
-                f"{touching} of {len(runs)} runs end in contact; median goal error "
+                f"{touching(runs)} of {len(runs)} runs end touching an obstacle; median goal error "
                 f"{millimetres(float(runs['goal_error_mean_m'].median()))} mm"
                 if len(runs)
                 else ABSENT

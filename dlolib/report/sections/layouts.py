@@ -203,19 +203,20 @@ def _curves(curves: dict[str, pd.DataFrame], figures: Path) -> Figure:
             thousandths(axes, "y")
     panels[0].set_yscale("log")
     panels[1].set_ylim(0, None)
-    panels[2].axhline(0, color="#333333", linewidth=0.8)
+    margin = max(float(curve["contact_margin_m"].max()) for curve in curves.values())
+    panels[2].axhline(margin, color="#333333", linewidth=0.8)
     panels[2].annotate(
-        "contact", (0.98, 0), (0, -2), xycoords=("axes fraction", "data"), textcoords="offset points", ha=(
-            "right"
-        ),
-        va="top", fontsize=6.5, color="#333333",
+        "touching", (0.98, margin), (0, -2), xycoords=("axes fraction", "data"), textcoords="offset points",
+        ha="right", va="top", fontsize=6.5, color="#333333",
     )  # fmt: skip
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper left", ncols=len(labels))
     return Figure(
         save(figure, figures, "learning"),
         "How the motions were learned: the loss, the mean goal error, and the smallest clearance on the "
-        "whole way. A motion in contact (clearance below zero) has to be pushed free before it can come "
-        "to the goal: see where the clearance crosses zero, and what the goal error does there.",
+        "whole way. While learning the rope counts as thicker by a margin of "
+        f"{millimetres(margin)} mm, and a motion at that line touches an obstacle: it has to come free "
+        "before it can come to the goal. See where the clearance leaves the line, and what the goal error "
+        "does there.",
         "Loss, goal error and clearance over the iterations of learning",
     )
