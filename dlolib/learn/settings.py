@@ -79,6 +79,12 @@ class LearnSettings:
             raise ParameterError(
                 problem, place="learn.contact_margin_m", mend="make it the larger of the two"
             )
+        if not self.contact_zone_m > self.contact_margin_m:
+            problem = (
+                f"a zone of {self.contact_zone_m:g} m is within the margin of {self.contact_margin_m:g} m, "
+                "where the rope is never"
+            )
+            raise ParameterError(problem, place="learn.contact_zone_m", mend="make it the larger of the two")
         if not abs(self.first_arc) < 1:
             problem = f"{self.first_arc:g} is no share of a rate of turn"
             raise ParameterError(problem, place="learn.first_arc", mend="give 0, or a share below 1")

@@ -110,5 +110,7 @@ def test_ablation_keeps_every_run() -> None:
 def test_settings_that_do_not_fit_together_are_refused() -> None:
     with pytest.raises(ParameterError, match="do not divide"):
         LearnSettings(steps=100, segments=7)
+    with pytest.raises(ParameterError, match="learn.contact_zone_m: a zone of 0.003 m is within the margin"):
+        LearnSettings(contact_zone_m=0.003)
     with pytest.raises(ParameterError, match="rate of turn"):
         LearnSettings(first_arc=1.0)
