@@ -26,8 +26,9 @@ PATIENCE = 20
 
 @dataclass(frozen=True)
 class Learned:
-    """What learning found: the kept iterate, its controller, and the curve over all iterations.
+    """What learning found: the kept iterate, its controller, and the curve over the iterations of its start.
 
+    starts, iterations_total: how many initial weights were tried, and the iterations of them all.
     curve: iteration, loss, goal_error_mean_m, goal_error_max_m, min_clearance_m (of the rope's own surface,
     while it touches obstacles contact_margin_m before), contacts, contact_margin_m.
     """
@@ -38,6 +39,8 @@ class Learned:
     kept: Episode
     kept_iteration: int
     curve: pd.DataFrame
+    starts: int
+    iterations_total: int
 
     @property
     def free(self) -> bool:
@@ -74,17 +77,20 @@ def learn(
     bare = rope or HeldRope(layout, rod, settings, 0.0)
     best: Learned | None = None
     failed: SimulationError | None = None
+    tried_starts, iterations = 0, 0
     sides = (-1.0, 1.0) if settings.first_arc else (0.0,)
     for start in range(settings.starts):
         seed, side = settings.seed + start // len(sides), sides[start % len(sides)]
         tried = replace(settings, seed=seed, first_arc=side * settings.first_arc)
         weights = xavier(inputs, tried.hidden, seed, tried.first_arc)
         policy = Policy(weights, np.array(tried.bounds), goal_m, layout.rope.length_m)
+        tried_starts += 1
         try:
             learned = _train(Learner(layout, held, policy, tried), bare, tried)
         except SimulationError as error:
             failed = error  # these weights' first path is none that a rope could follow
             continue
+        iterations += learned.iterations_total
         if best is None or _rank(learned.kept, settings) < _rank(best.kept, settings):
             best = learned
         if learned.free and learned.kept.goal.mean_m <= settings.near_goal_m:
@@ -92,7 +98,7 @@ def learn(
     if best is None:
         assert failed is not None
         raise failed
-    return best
+    return replace(best, starts=tried_starts, iterations_total=iterations)
 
 
 class Settled(Exception):  # noqa: N818
@@ -143,7 +149,8 @@ def _train(learner: Learner, bare: DifferentiableRope, settings: LearnSettings) 
     assert best is not None
     weights, kept, iteration = best
     curve = pd.DataFrame(rows).assign(contact_margin_m=settings.contact_margin_m)
-    return Learned(learner.layout, settings, learner.trained(weights), kept, iteration, curve)
+    policy = learner.trained(weights)
+    return Learned(learner.layout, settings, policy, kept, iteration, curve, 1, len(rows))
 
 
 def _rank(episode: Episode, settings: LearnSettings) -> tuple[int, float]:

@@ -65,6 +65,8 @@ def result(learned: Learned) -> dict[str, Any]:
         "contacts": kept.contacts,
         "iterations": len(learned.curve),
         "kept_iteration": learned.kept_iteration,
+        "starts": learned.starts,
+        "iterations_total": learned.iterations_total,
         "loss": kept.loss,
         "loss_kind": settings.loss,
         "seed": settings.seed,

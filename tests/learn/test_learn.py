@@ -15,6 +15,7 @@ from dlolib.learn.goal import goal_at_particles
 from dlolib.learn.policy import Policy, xavier
 from dlolib.learn.rope import HeldRope, Piece
 from dlolib.learn.train import Learner
+from dlolib.learn.write import result
 from dlolib.sim.rod import Rod
 from dlolib.sim.simulate import State
 from dlolib.types import Floats
@@ -88,10 +89,18 @@ class Torn(HeldRope):
 
 def test_weights_whose_first_path_tears_the_rope_are_left_for_others() -> None:
     few = replace(SMALL, iterations=2, starts=2)
-    assert len(learn(LAYOUT, ROD, few, Torn(LAYOUT, ROD, few, 0.0)).curve) == 2
+    learned = learn(LAYOUT, ROD, few, Torn(LAYOUT, ROD, few, 0.0))
+    assert len(learned.curve) == 2
+    assert (learned.starts, learned.iterations_total) == (2, 2)
     one = replace(few, starts=1)
     with pytest.raises(SimulationError, match="it would tear"):
         learn(LAYOUT, ROD, one, Torn(LAYOUT, ROD, one, 0.0))
+
+
+def test_the_iterations_of_every_start_are_counted() -> None:
+    learned = learn(LAYOUT, ROD, replace(SMALL, iterations=2, starts=3))
+    content = result(learned)
+    assert (content["starts"], content["iterations"], content["iterations_total"]) == (3, 2, 6)
 
 
 def test_same_seed_same_path() -> None:

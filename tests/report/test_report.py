@@ -169,6 +169,13 @@ def test_a_run_at_an_obstacle_is_told_by_the_margin_of_learning(content: dict) -
     assert ours["Plain MSE on layout 1, Fig. 11"].startswith("5 of 5 runs end touching an obstacle")
 
 
+def test_iterations_of_every_start_stand_beside_the_papers(content: dict) -> None:
+    (table,) = [block for block in blocks_of(content, "table") if block["caption"] == "Figure by figure."]
+    (row,) = [row for row in table["rows"] if row[0] == "Iterations of learning, Table I"]
+    assert row[1] == "200 iterations"
+    assert row[2].startswith("Layout 1: 120 iterations, 171 over the 2 initial weights that were tried; Layout 2")
+
+
 def test_cards_say_which_command_gives_them(content: dict) -> None:
     (cards,) = blocks_of(content, "cards")
     assert len(cards["items"]) == 5

@@ -11,7 +11,7 @@ from dlolib.report.headline import clear, headline, stiffness
 from dlolib.report.model import Column, Paragraph, Section, Table
 from dlolib.report.results import CAPTURED, Results
 from dlolib.report.sections.ablation import last_of_runs, touching
-from dlolib.report.text import ABSENT, listed, millimetres, scientific, span, title
+from dlolib.report.text import ABSENT, millimetres, scientific, span, title
 
 Row = tuple[str, str, str, str]
 
@@ -95,7 +95,6 @@ def _learning(results: Results) -> tuple[Row, ...]:
         if found
         else ABSENT
     )
-    counts = sorted({result["iterations"] for result in found})
     return (
         (
             "Goal reached without contact, Fig. 10",
@@ -106,11 +105,18 @@ def _learning(results: Results) -> tuple[Row, ...]:
         (
             "Iterations of learning, Table I",
             f"{paper.LEARN_ITERATIONS} iterations",
-            f"{listed([str(count) for count in counts])} iterations" if counts else ABSENT,
+            "; ".join(_tried(result) for result in found) or ABSENT,
             "`dvc repro learn`",
         ),
         *_ablation(results),
     )
+
+
+def _tried(result: Mapping[str, Any]) -> str:
+    """Iterations of the initial weights that were kept, and of all that were tried."""
+    kept, total, starts = (result[key] for key in ("iterations", "iterations_total", "starts"))
+    others = f", {total} over the {starts} initial weights that were tried" if starts > 1 else ""
+    return f"{title(result['layout'])}: {kept} iterations{others}"
 
 
 def _ablation(results: Results) -> tuple[Row, ...]:
