@@ -48,7 +48,8 @@ class Results:
         folder: the results (identify/, learn/, execute/, *.json).
         data: captures, recordings, layouts and the laboratory's truth.
         has_truth: whether data/truth belongs to this capture (it does where the laboratory made it).
-        parameters: the pipeline's parameters, block by block, for the last section; None if unknown.
+        parameters: the pipeline's parameters, block by block, for the last section; None if unknown. What
+            they name no more (layouts, recordings), though results of it still lie there, is not reported.
     """
 
     folder: Path
@@ -76,18 +77,23 @@ class Results:
     @cached_property
     def diagnosed(self) -> tuple[str, ...]:
         """Names of the diagnosed recordings: the captured one first, then by name."""
-        return tuple(sorted(_folders(self.folder / "diagnose"), key=lambda name: (name != CAPTURED, name)))
+        return self._named("recordings", _folders(self.folder / "diagnose"))
 
     @cached_property
     def recordings(self) -> tuple[str, ...]:
         """Names of the identified recordings: the captured one first, then by name."""
-        names = _folders(self.folder / "identify")
-        return tuple(sorted(names, key=lambda name: (name != CAPTURED, name)))
+        return self._named("recordings", _folders(self.folder / "identify"))
 
     @cached_property
     def layouts(self) -> tuple[str, ...]:
         """Names of the layouts that were learned or executed."""
-        return tuple(sorted({*_folders(self.folder / "learn"), *_folders(self.folder / "execute")}))
+        return self._named("layouts", _folders(self.folder / "learn") + _folders(self.folder / "execute"))
+
+    def _named(self, block: str, names: list[str]) -> tuple[str, ...]:
+        """Those of the names that a block of the parameters still has: the captured one, then by name."""
+        given = (self.parameters or {}).get(block, names)
+        kept = {name for name in names if name == CAPTURED or name in given}
+        return tuple(sorted(kept, key=lambda name: (name != CAPTURED, name)))
 
     def layout(self, name: str) -> Layout | None:
         """A layout with its goal and obstacles."""

@@ -15,6 +15,7 @@ from report.synthetic import LAYOUTS, write_results, write_robot_log
 
 from dlolib.errors import DloError
 from dlolib.report import Results, build_report, collect
+from dlolib.report.headline import headline
 
 REQUESTS = ("src", "href", "srcset", "data", "action", "poster", "background", "xlink:href")
 OUTPUTS = ("report.json", "report.html", "report.pdf")
@@ -173,7 +174,8 @@ def test_iterations_of_every_start_stand_beside_the_papers(content: dict) -> Non
     (table,) = [block for block in blocks_of(content, "table") if block["caption"] == "Figure by figure."]
     (row,) = [row for row in table["rows"] if row[0] == "Iterations of learning, Table I"]
     assert row[1] == "200 iterations"
-    assert row[2].startswith("Layout 1: 120 iterations, 171 over the 2 initial weights that were tried; Layout 2")
+    first = "Layout 1: 120 iterations, 171 over the 2 initial weights that were tried; Layout 2: "
+    assert row[2].startswith(first)
 
 
 def test_cards_say_which_command_gives_them(content: dict) -> None:
@@ -282,6 +284,17 @@ def test_logs_of_a_robot_stand_beside_the_plan(tmp_path: Path) -> None:
     content = collect(Results(results, tmp_path / "data"), tmp_path / "figures")
     assert any(figure["file"] == "figures/tracking.svg" for figure in blocks_of(content, "figure"))
     assert "protective stop" in json.dumps(content)
+
+
+def test_what_was_taken_out_of_the_parameters_is_no_longer_reported(results: Path) -> None:
+    data, kept = results.parent / "data", ["layout_2", "layout_3"]
+    parameters = {"layouts": kept, "recordings": {"wire_white": {"path": "data/wires/wire_white"}}}
+    now = Results(results, data, parameters=parameters)
+    assert now.layouts == ("layout_2", "layout_3")
+    assert now.recordings == ("captured", "wire_white")
+    assert set(now.diagnosed) <= {"captured", "wire_white"}
+    before, after = headline(Results(results, data)), headline(now)
+    assert after["worst_goal_error_m"] < before["worst_goal_error_m"]
 
 
 def test_empty_results_make_a_report_of_sentences(tmp_path: Path) -> None:
