@@ -6,6 +6,7 @@ differ by no more than reports/tolerances.yaml says.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import subprocess
 from collections.abc import Iterator, Mapping
@@ -23,6 +24,8 @@ from stages import REPORTS, run
 
 METRICS = REPORTS / "metrics"
 TOLERANCES = REPORTS / "tolerances.yaml"
+REPORT = REPORTS / "report.json"
+LOCK = Path("dvc.lock")
 
 
 @dataclass(frozen=True)
@@ -43,6 +46,7 @@ class Row:
 
 
 def main() -> None:
+    check_ran(REPORT, LOCK)
     here, there = _here(), committed()
     tolerances = yaml.safe_load(TOLERANCES.read_text(encoding="utf-8"))
     rows = compare(here, there, tolerances)
@@ -55,6 +59,25 @@ def main() -> None:
             mend="find the cause, or commit the new figures",
         )
     print(f"all {len(rows)} figures agree within their tolerances")
+
+
+def check_ran(report: Path, lock: Path) -> None:
+    """Refuse a tree in which the pipeline did not run: git keeps the metrics, and they agree with themselves.
+
+    Args:
+        report: report.json, which git does not keep.
+        lock: dvc.lock, in which DVC notes the sum of every output of the pipeline.
+
+    Raises:
+        DloError: the report is not there, or not the one that the lock file speaks of.
+    """
+    if not report.is_file():
+        raise DloError("no such file: the pipeline has not run here", file=report, mend="run make repro first")
+    content = yaml.safe_load(lock.read_text(encoding="utf-8")) if lock.is_file() else {}
+    outputs = content.get("stages", {}).get("report", {}).get("outs", [])
+    sums = {output["path"]: output["md5"] for output in outputs}
+    if sums.get(report.as_posix()) != hashlib.md5(report.read_bytes()).hexdigest():
+        raise DloError(f"is of another run than {lock}", file=report, mend="run make repro first")
 
 
 def compare(

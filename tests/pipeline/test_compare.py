@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import hashlib
+from pathlib import Path
+
 import pytest
 import yaml
 
 from dlolib.errors import DloError
 from stages.compare import TOLERANCES as TOLERANCE_FILE
-from stages.compare import committed, compare, flattened
+from stages.compare import check_ran, committed, compare, flattened
 
 TOLERANCES = {"chain.rms_m": {"absolute": 1e-5}, "learn_*.loss": {"relative": 0.01}, "chain.*": {}}
 
@@ -59,3 +62,20 @@ def test_every_committed_figure_has_a_tolerance() -> None:
     assert all(
         row.within for row in compare(figures, figures, yaml.safe_load(TOLERANCE_FILE.read_text("utf-8")))
     )
+
+
+def test_a_tree_in_which_nothing_ran_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    report, lock = Path("reports/report.json"), Path("dvc.lock")
+    with pytest.raises(DloError, match="report.json: .* has not run here; run make repro first"):
+        check_ran(report, lock)
+    report.parent.mkdir()
+    report.write_text("{}")
+    with pytest.raises(DloError, match="of another run than dvc.lock; run make repro"):
+        check_ran(report, lock)
+    output = {"path": "reports/report.json", "hash": "md5", "md5": hashlib.md5(b"{}").hexdigest()}
+    lock.write_text(yaml.safe_dump({"schema": "2.0", "stages": {"report": {"outs": [output]}}}))
+    check_ran(report, lock)
+    report.write_text("{ }")
+    with pytest.raises(DloError, match="of another run"):
+        check_ran(report, lock)
