@@ -163,11 +163,11 @@ def test_headline_is_what_the_stages_measured(content: dict) -> None:
 
 def test_a_run_at_an_obstacle_is_told_by_the_margin_of_learning(content: dict) -> None:
     (words,) = [block for block in blocks_of(content, "paragraph") if "bare" in block["text"]]
-    assert "plain MSE, 5 of 5 runs end touching an obstacle" in words["text"]
-    assert "with contact term, 0 of 5 runs end touching an obstacle" in words["text"]
+    assert "plain MSE, 5 of 5 runs end at an obstacle" in words["text"]
+    assert "with contact term, 0 of 5 runs end at an obstacle" in words["text"]
     (table,) = [block for block in blocks_of(content, "table") if block["caption"] == "Figure by figure."]
     ours = {row[0]: row[2] for row in table["rows"]}
-    assert ours["Plain MSE on layout 1, Fig. 11"].startswith("5 of 5 runs end touching an obstacle")
+    assert ours["Plain MSE on layout 1, Fig. 11"].startswith("5 of 5 runs end at an obstacle")
 
 
 def test_iterations_of_every_start_stand_beside_the_papers(content: dict) -> None:

@@ -10,7 +10,7 @@ from dlolib.report import paper
 from dlolib.report.headline import clear, headline, stiffness
 from dlolib.report.model import Column, Paragraph, Section, Table
 from dlolib.report.results import CAPTURED, Results
-from dlolib.report.sections.ablation import last_of_runs, touching
+from dlolib.report.sections.ablation import at_obstacle, last_of_runs
 from dlolib.report.text import ABSENT, millimetres, scientific, span, title
 
 Row = tuple[str, str, str, str]
@@ -136,7 +136,7 @@ def _ablation(results: Results) -> tuple[Row, ...]:
         ):
             runs = last_of_runs(table, loss)
             ours = (
-                f"{touching(runs)} of {len(runs)} runs end touching an obstacle; median goal error "
+                f"{at_obstacle(table, loss)} of {len(runs)} runs end at an obstacle; median goal error "
                 f"{millimetres(float(runs['goal_error_mean_m'].median()))} mm"
                 if len(runs)
                 else ABSENT
