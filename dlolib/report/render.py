@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import shutil
 import tempfile
@@ -10,6 +9,7 @@ from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import typst
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -21,6 +21,8 @@ TEMPLATES = files("dlolib.report") / "templates"
 TAGS = {"code": "code", "strong": "strong", "sub": "sub"}
 TEXTS = {"text", "caption", "label", "detail", "subtitle"}
 """The keys of report.json whose texts carry marks."""
+PLAIN = " /:;,=?@!$*+|"
+"""What needs no escape in a data URI within quotes, beside letters and digits."""
 
 
 def render_html(report: Mapping[str, Any], folder: Path) -> str:
@@ -35,8 +37,12 @@ def render_html(report: Mapping[str, Any], folder: Path) -> str:
 
 
 def data_uri(path: Path) -> str:
-    """An SVG as a data URI: it brings its own names, so that two figures on a page never mix them up."""
-    return "data:image/svg+xml;base64," + base64.b64encode(path.read_bytes()).decode("ascii")
+    """An SVG as a data URI: it brings its own names, so that two figures on a page never mix them up.
+
+    As text it takes a quarter less than in base64. A line's end is white space in an SVG, and none in a URI.
+    """
+    svg = " ".join(path.read_text(encoding="utf-8").split())
+    return "data:image/svg+xml," + quote(svg, safe=PLAIN)
 
 
 def render_pdf(report: Mapping[str, Any], folder: Path) -> bytes:

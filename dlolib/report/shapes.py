@@ -15,6 +15,8 @@ from dlolib.report.text import millimetres, title
 from dlolib.types import Floats, Ints
 
 SHOWN = 7
+LINES = 60
+"""Most lines of residuals that are drawn: more cannot be told apart, and each makes the page larger."""
 SURE = 2.0
 """How many standard errors off zero the shared residual is before it is called the wire's own."""
 
@@ -68,11 +70,14 @@ def _draw_residual(axes: Axes, shapes: pd.DataFrame) -> tuple[Floats, Floats]:
 
 def _residual_lines(shapes: pd.DataFrame, axes: Axes) -> tuple[Floats, Floats]:
     arcs, offsets = [], []
-    for _, rows in shapes.groupby("frame"):
+    frames = np.unique(shapes["frame"])
+    drawn = {*frames[np.linspace(0, len(frames) - 1, min(LINES, len(frames))).round().astype(int)].tolist()}
+    for frame, rows in shapes.groupby("frame"):
         if len(rows) < 3:
             continue
         s_m, across = normal_residual(rows)
-        axes.plot(s_m, across, color=FAINT, linewidth=0.45, alpha=0.7, zorder=1)
+        if frame in drawn:
+            axes.plot(s_m, across, color=FAINT, linewidth=0.45, alpha=0.7, zorder=1)
         arcs.append(s_m)
         offsets.append(across)
     return np.concatenate(arcs), np.concatenate(offsets)
@@ -98,8 +103,9 @@ def _caption(name: str, repeated: bool, frames: int, shown: int, means: Floats, 
             f"share is {millimetres(float(shared))} mm (RMS) with a standard error of "
             f"{millimetres(float(error))} mm, {verdict}."
         )
+    grey = "one line a frame" if frames <= LINES else f"the lines of {LINES} frames"
     return (
         f"{title(name)}: {shown} of {frames} frames; dots are observed, lines simulated. Right, across "
-        "the rope in the x-z plane: grey one line a frame, blue their mean and its spread. Smooth waves "
+        f"the rope in the x-z plane: grey {grey}, blue the mean of all frames and its spread. Smooth waves "
         "of the grey lines are what the model lacks; their jagged scatter is noise."
     )

@@ -272,7 +272,7 @@ def write_robot_log(folder: Path) -> None:
 
 
 def _write_ablation(path: Path, rng: np.random.Generator) -> None:
-    """Learning's rope is thicker by the margin, not inside: with plain MSE it is at the cylinder, off, and on."""
+    """Learning's rope is thicker by the margin, not inside: plain MSE ends at the cylinder, on and off."""
     parts = []
     iteration = np.arange(120)
     for seed in range(1, 6):

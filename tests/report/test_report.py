@@ -8,7 +8,10 @@ import shutil
 from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
+from urllib.parse import unquote
 
+import numpy as np
+import pandas as pd
 import pytest
 from matplotlib.figure import Figure as Canvas
 from report.synthetic import LAYOUTS, write_results, write_robot_log
@@ -16,6 +19,7 @@ from report.synthetic import LAYOUTS, write_results, write_robot_log
 from dlolib.errors import DloError
 from dlolib.report import Results, build_report, collect
 from dlolib.report.headline import headline
+from dlolib.report.shapes import shapes_figure
 
 REQUESTS = ("src", "href", "srcset", "data", "action", "poster", "background", "xlink:href")
 OUTPUTS = ("report.json", "report.html", "report.pdf")
@@ -89,8 +93,37 @@ def test_figures_ask_nobody_for_anything(out: Path) -> None:
         assert "dc:date" not in text, f"{path} carries a date"
 
 
-def test_page_is_smaller_than_five_megabytes(out: Path) -> None:
-    assert (out / "report.html").stat().st_size < 5_000_000
+def test_page_is_smaller_than_two_megabytes(out: Path) -> None:
+    assert (out / "report.html").stat().st_size < 2_000_000
+
+
+def test_every_figure_stands_whole_in_the_page(out: Path) -> None:
+    uris = Page((out / "report.html").read_text(encoding="utf-8")).requests
+    drawn = {" ".join(path.read_text("utf-8").split()) for path in (out / "figures").glob("*.svg")}
+    assert drawn and drawn <= {unquote(uri.removeprefix("data:image/svg+xml,")) for uri in uris}
+
+
+def test_a_long_recording_makes_no_long_figure(tmp_path: Path) -> None:
+    sizes = []
+    for frames in (60, 600):
+        s_m = np.linspace(0, 0.4, 20)
+        rows = {"frame": np.repeat(np.arange(frames), 20), "s_m": np.tile(s_m, frames)}
+        wave = np.random.default_rng(1).normal(0, 1e-3, 20 * frames) + np.repeat(np.arange(frames), 20) * 1e-3
+        rows |= {"x_m": rows["s_m"], "z_m": wave, "sim_x_m": rows["s_m"], "sim_z_m": 0 * wave}
+        shapes_figure("long", pd.DataFrame(rows), tmp_path / str(frames))
+        sizes.append((tmp_path / str(frames) / "shapes_long.svg").stat().st_size)
+    assert sizes[1] < 1.1 * sizes[0]
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_large_page_is_written_with_a_warning(
+    results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr("dlolib.report.build.LARGE_BYTES", 1000)
+    monkeypatch.setattr("dlolib.report.build.render_pdf", lambda *_: b"")
+    page = build_report(results, tmp_path / "out")
+    assert page.is_file()
+    assert "report.html: the page has 0." in caplog.text and "warning" in caplog.text
 
 
 def test_contents_lead_to_every_section(out: Path, content: dict) -> None:

@@ -204,6 +204,7 @@ def _curves(curves: dict[str, pd.DataFrame], figures: Path) -> Figure:
     panels[0].set_yscale("log")
     panels[1].set_ylim(0, None)
     margin = max(float(curve["contact_margin_m"].max()) for curve in curves.values())
+    panels[2].set_ylim(min(0.0, panels[2].get_ylim()[0]), None)
     panels[2].axhline(margin, color="#333333", linewidth=0.8)
     panels[2].annotate(
         "touching", (0.98, margin), (0, -2), xycoords=("axes fraction", "data"), textcoords="offset points",
