@@ -7,11 +7,12 @@ Bounds and units stand here; defaults stand in params.yaml. A stage reads its ow
 from __future__ import annotations
 
 import difflib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, get_args
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
 
 from dlolib.errors import ParameterError
 
@@ -25,6 +26,23 @@ Seed = Annotated[int, Field(ge=0)]
 # A path below a folder, without a way out of it.
 PART = r"[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+)*"
 Inside = Annotated[str, Field(pattern=rf"^{PART}(/{PART})*$")]
+# An effect is a file of its own; to import them would load the simulator.
+EFFECTS = tuple(
+    sorted(
+        file.stem
+        for file in (Path(__file__).parent / "sim" / "effects").glob("*.py")
+        if file.stem not in ("__init__", "base")
+    )
+)
+# What `dlolib.identify` may fit.
+FITTED = (
+    "bending_stiffness",
+    "torsional_stiffness",
+    *(f"end_angle.{part}" for part in ("start_1", "start_2", "end_1", "end_2")),
+    *(f"rest_curvature.{part}" for part in ("kappa_1", "kappa_2")),
+    "lateral_load.x",
+    "end_twist.end",
+)
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]
 
 
@@ -76,6 +94,13 @@ class Lab(Block):
     waypoints: Annotated[int, Field(ge=2)]
     waypoint_interval_s: Positive
     frame_every: Count
+
+    @field_validator("frame_every")
+    @classmethod
+    def _frames(cls, value: int, others: ValidationInfo) -> int:
+        if value > others.data.get("waypoints", value):
+            raise ValueError("leaves no frame of so many waypoints")
+        return value
 
 
 class Ingest(Block):
@@ -181,7 +206,7 @@ class Learn(Block):
     hidden: Annotated[list[Count], Field(min_length=2, max_length=2)]
     seed: Seed
     starts: Count
-    first_arc: Share
+    first_arc: Annotated[float, Field(ge=0, lt=1)]
     near_goal_m: Positive
     caught_after: Count
     caught_m: Positive
@@ -191,6 +216,28 @@ class Learn(Block):
     goal_tolerance_m: Positive
     bounds: ArcBounds
     ablation: Ablation
+
+    # As `dlolib.learn.LearnSettings`, which a stage that does not learn need not load.
+    @field_validator("segments")
+    @classmethod
+    def _divides(cls, value: int, others: ValidationInfo) -> int:
+        if others.data.get("steps", value) % value:
+            raise ValueError("does not divide learn.steps")
+        return value
+
+    @field_validator("contact_zone_m")
+    @classmethod
+    def _beyond(cls, value: float, others: ValidationInfo) -> float:
+        if not value > others.data.get("contact_margin_m", -1.0):
+            raise ValueError("should be more than learn.contact_margin_m")
+        return value
+
+    @field_validator("clearance_m")
+    @classmethod
+    def _within(cls, value: float, others: ValidationInfo) -> float:
+        if value > others.data.get("contact_margin_m", value):
+            raise ValueError("should be learn.contact_margin_m or less")
+        return value
 
 
 class Execute(Block):
@@ -226,13 +273,18 @@ def load(path: Path = PARAMS) -> Params:
         ParameterError: names file, line, key and mend.
     """
     params = _validated(Params, _read(path), path, ())
-    if params.learn.verdict_of not in params.recordings:
-        raise _unknown_name(
-            params.learn.verdict_of, list(params.recordings), path, ("learn", "verdict_of"), "recordings"
-        )
-    if params.learn.ablation.layout not in params.layouts:
-        place = ("learn", "ablation", "layout")
-        raise _unknown_name(params.learn.ablation.layout, params.layouts, path, place, "layouts")
+    identify, learn = params.identify, params.learn
+    recordings = tuple(params.recordings)
+    for given, valid, keys, where in (
+        ([learn.verdict_of], recordings, ("learn", "verdict_of"), "recordings"),
+        ([learn.ablation.layout], params.layouts, ("learn", "ablation", "layout"), "layouts"),
+        (identify.paper_on, recordings, ("identify", "paper_on"), "recordings"),
+        (identify.parameters or [], FITTED, ("identify", "parameters"), "what is fitted"),
+        (params.diagnose.without, EFFECTS, ("diagnose", "without"), "the effects"),
+    ):
+        for name in given:
+            if name not in valid:
+                raise _unknown_name(name, valid, path, keys, where)
     return params
 
 
@@ -258,11 +310,30 @@ def load_block(block: type[AnyBlock], path: Path = PARAMS) -> AnyBlock:
     return _validated(block, content[name], path, (name,))
 
 
+class _Twice(yaml.MarkedYAMLError):
+    """A key that stands twice in a block: YAML would silently take the last."""
+
+
+class _Once(yaml.SafeLoader):
+    """Reads YAML in which no key of a block stands twice."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen: set[str] = set()
+        for key, _ in node.value:
+            if str(key.value) in seen:
+                raise _Twice(problem=str(key.value), problem_mark=key.start_mark)
+            seen.add(str(key.value))
+        return super().construct_mapping(node, deep)
+
+
 def _read(path: Path) -> dict[str, Any]:
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = yaml.load(path.read_text(encoding="utf-8"), Loader=_Once)
     except FileNotFoundError:
         raise ParameterError("no such file", file=path, mend="run from the repository's root") from None
+    except _Twice as error:
+        place = f"line {error.problem_mark.line + 1}, {error.problem}"
+        raise ParameterError("this key is given twice", file=path, place=place, mend="remove one") from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         mark = getattr(error, "problem_mark", None)
         place = f"line {mark.line + 1}" if mark else None
@@ -325,10 +396,11 @@ def _place(path: Path, keys: Keys) -> str:
     return f"line {line}, {'.'.join(keys)}" if line else ".".join(keys)
 
 
-def _unknown_name(name: str, valid: list[str], path: Path, keys: Keys, where: str) -> ParameterError:
+def _unknown_name(name: str, valid: Sequence[str], path: Path, keys: Keys, where: str) -> ParameterError:
+    closest = difflib.get_close_matches(name, valid, n=1, cutoff=0.5)
     return ParameterError(
         f"`{name}` is not among {where} ({', '.join(valid)})",
         file=path,
         place=_place(path, keys),
-        mend=f"name one of them or add it to {where}",
+        mend=f"did you mean `{closest[0]}`?" if closest else "name one of them",
     )

@@ -12,10 +12,13 @@ from dlolib.chain import ChainSettings
 from dlolib.diagnose import DiagnoseSettings
 from dlolib.errors import ParameterError
 from dlolib.identify import DescentSettings, IdentifySettings
+from dlolib.identify.parameters import END_ANGLES, REST_CURVATURES, STIFFNESSES, TILT
 from dlolib.lab.camera import Sensor
 from dlolib.lab.rope import LabRope
 from dlolib.learn import LearnSettings
-from dlolib.params import Chain, Identify, Params, load, load_block
+from dlolib.params import EFFECTS, FITTED, Chain, Identify, Params, load, load_block
+from dlolib.sim.effects import EFFECTS as LIBRARY
+from dlolib.sim.upright import ROLL
 from stages.diagnose import settings as diagnose_settings
 from tests.pipeline.conftest import ROOT
 
@@ -56,12 +59,29 @@ def test_the_committed_file_is_good() -> None:
         ("law: plastic", "law: rubber", "should be 'plastic' or 'elastic' (it is 'rubber')"),
         ("verdict_of: captured", "verdict_of: caught", "`caught` is not among recordings (captured, "),
         ("layout: layout_1", "layout: layout_9", "`layout_9` is not among layouts (layout_1, "),
+        ("paper_on: [captured]", "paper_on: [captred]", "identify.paper_on: `captred` is not among"),
+        ("paper_on: [captured]", "paper_on: [captred]", "did you mean `captured`?"),
+        ("  parameters: null ", "  parameters: [bending_stifness] ", "did you mean `bending_stiffness`?"),
+        ("without: []", "without: [plastic_bendng]", "diagnose.without: `plastic_bendng` is not among the"),
+        ("without: []", "without: [plastic_bendng]", "did you mean `plastic_bending`?"),
+        ("contact_zone_m: 0.007", "contact_zone_m: 0.001", "should be more than learn.contact_margin_m"),
+        ("contact_margin_m: 0.003", "contact_margin_m: 0.001", "should be learn.contact_margin_m or less"),
+        ("  steps: 300", "  steps: 301", "learn.segments: does not divide learn.steps (it is 10)"),
+        ("  first_arc: 0.75", "  first_arc: 1.0", "learn.first_arc: should be less than 1"),
+        ("frame_every: 10", "frame_every: 1000", "lab.frame_every: leaves no frame of so many waypoints"),
+        ("  steps: 300", "  steps: 300\n  steps: 30", "steps: this key is given twice; remove one"),
         ("layouts: [layout_1", "layouts: [../layout", "layouts.0: String should match pattern"),
         ("  source: lab", "  source: lab: x", "is not valid YAML"),
     ],
 )  # fmt: skip
 def test_one_line(tmp_path: Path, old: str, new: str, said: str) -> None:
     assert said in refused(written(tmp_path, old, new))
+
+
+def test_names_that_may_be_given_are_those_of_the_library() -> None:
+    assert set(EFFECTS) == set(LIBRARY)
+    fitted = (*STIFFNESSES, *END_ANGLES, *REST_CURVATURES, TILT, ROLL)
+    assert set(FITTED) == set(fitted)
 
 
 def test_the_line_is_the_one_in_the_file(tmp_path: Path) -> None:
