@@ -72,7 +72,9 @@ def check_ran(report: Path, lock: Path) -> None:
         DloError: the report is not there, or not the one that the lock file speaks of.
     """
     if not report.is_file():
-        raise DloError("no such file: the pipeline has not run here", file=report, mend="run make repro first")
+        raise DloError(
+            "no such file: the pipeline has not run here", file=report, mend="run make repro first"
+        )
     content = yaml.safe_load(lock.read_text(encoding="utf-8")) if lock.is_file() else {}
     outputs = content.get("stages", {}).get("report", {}).get("outs", [])
     sums = {output["path"]: output["md5"] for output in outputs}

@@ -160,7 +160,7 @@ def learning() -> Iterator[Figure]:
     """Learning layout 1 as the stage does, its own compilation left out."""
     layout = read_layout(DATA / "layouts" / "layout_1")
     rod = Rod(layout.rope, EI, EI)
-    given = learn_settings()
+    given = learn_settings(layout.rope.length_m)
     learn(layout, rod, replace(given, iterations=1, starts=1))
     begin = time.perf_counter()
     done = learn(layout, rod, given)
