@@ -310,8 +310,8 @@ def load_block(block: type[AnyBlock], path: Path = PARAMS) -> AnyBlock:
     return _validated(block, content[name], path, (name,))
 
 
-class _Twice(yaml.MarkedYAMLError):
-    """A key that stands twice in a block: YAML would silently take the last."""
+class _Twice(Exception):  # noqa: N818  (what happened, as the error that it becomes says it)
+    """A key that stands twice in a block, with its line: YAML would silently take the last."""
 
 
 class _Once(yaml.SafeLoader):
@@ -321,7 +321,7 @@ class _Once(yaml.SafeLoader):
         seen: set[str] = set()
         for key, _ in node.value:
             if str(key.value) in seen:
-                raise _Twice(problem=str(key.value), problem_mark=key.start_mark)
+                raise _Twice(f"line {key.start_mark.line + 1}, {key.value}")
             seen.add(str(key.value))
         return super().construct_mapping(node, deep)
 
@@ -332,8 +332,9 @@ def _read(path: Path) -> dict[str, Any]:
     except FileNotFoundError:
         raise ParameterError("no such file", file=path, mend="run from the repository's root") from None
     except _Twice as error:
-        place = f"line {error.problem_mark.line + 1}, {error.problem}"
-        raise ParameterError("this key is given twice", file=path, place=place, mend="remove one") from error
+        raise ParameterError(
+            "this key is given twice", file=path, place=str(error), mend="remove one"
+        ) from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         mark = getattr(error, "problem_mark", None)
         place = f"line {mark.line + 1}" if mark else None
