@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+from dlolib.errors import DloError
 from dlolib.params import load
 from dlolib.report import build_report
 from stages import DATA, LABORATORY, REPORTS, run, write_metrics
@@ -22,8 +23,15 @@ def main() -> None:
 
 
 def read_headline() -> dict[str, object]:
-    """The five figures of report.json."""
-    return dict(json.loads((REPORTS / "report.json").read_text(encoding="utf-8"))["headline"])
+    """The five figures of report.json.
+
+    Raises:
+        DloError: there is no report.
+    """
+    path = REPORTS / "report.json"
+    if not path.is_file():
+        raise DloError("no such file", file=path, mend="run make repro first")
+    return dict(json.loads(path.read_text(encoding="utf-8"))["headline"])
 
 
 if __name__ == "__main__":

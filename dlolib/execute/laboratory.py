@@ -26,7 +26,7 @@ SETTLE_S = 2.0
 # An hour: what lasts longer is a clock that jumped.
 LONGEST_S = 3600.0
 EVERY = 30
-GRASP_M = 5e-3
+HELD_M, HELD_RAD = 5e-3, 0.05
 RUNNING = {"speed_scaling": 1.0, "robot_mode": 7.0, "safety_mode": 1.0, "runtime_state": 2.0}
 """RTDE: running, normal, playing."""
 
@@ -84,21 +84,19 @@ def execute_in_lab(
     """Move the laboratory's rope along a trajectory, once for each law; Section V-C and Fig. 10 of the paper.
 
     Args:
-        trajectory: poses of both ends in the world; it begins at the layout's grasp.
+        trajectory: poses of both ends in the world; it begins as the layout holds them.
         layout: goal, obstacles and gravity; its rope's measures count, not those of `rope`.
         rope: the laboratory's rope, for stiffness and plasticity.
         laws: which laws bend it; the log is the last one's.
         rod_shapes: shapes.csv of the learning (step, node, x_m, y_m, z_m), whose last step is compared.
 
     Raises:
-        ParameterError: the trajectory does not begin at the layout's grasp, or the laboratory cannot play it.
+        ParameterError: the trajectory does not begin as the layout holds the rope, or the laboratory cannot
+            play it.
         SimulationError: the rope became unstable.
     """
     _check_times(trajectory)
-    away = float(np.linalg.norm(trajectory.end_m[0] - layout.grasp.position_m))
-    if not away < GRASP_M:
-        problem = f"the trajectory begins {away:.3f} m away from the grasp of {layout.name}"
-        raise ParameterError(problem, place="trajectory.csv, row 1", mend="give its own layout")
+    _check_held(trajectory, layout)
     rod = None if rod_shapes is None else last_shape(rod_shapes)
     outcomes: dict[str, LawOutcome] = {}
     shapes: list[pd.DataFrame] = []
@@ -119,6 +117,32 @@ def execute_in_lab(
         raise ParameterError("no law to run", place="laws", mend="give elastic, plastic, or both")
     log = gripper_log(last, trajectory)
     return LabExecution(_result(log, trajectory), outcomes, log, pd.concat(shapes, ignore_index=True))
+
+
+def _check_held(trajectory: Motion, layout: Layout) -> None:
+    """Refuse a trajectory that holds the rope's ends otherwise than the layout does in the beginning."""
+    if (layout.ends.start, layout.ends.end) != ("clamped", "clamped"):
+        mend = "clamp both, or give the trajectory's own layout"
+        raise ParameterError(
+            "an end is free and the trajectory holds it", place=f"{layout.name}, ends", mend=mend
+        )
+    row, mend = "trajectory.csv, row 1", "give its own layout"
+    for end, pose, place_m, quaternion in (
+        ("start", layout.start, trajectory.start_m[0], trajectory.start_q[0]),
+        ("grasp", layout.grasp, trajectory.end_m[0], trajectory.end_q[0]),
+    ):
+        if np.isnan(place_m).any():
+            continue  # a free end: the laboratory says that it cannot play that
+        away_m = float(np.linalg.norm(place_m - pose.position_m))
+        if not away_m < HELD_M:
+            problem = f"the trajectory begins {away_m:.3f} m away from the {end} of {layout.name}"
+            raise ParameterError(problem, place=row, mend=mend)
+        turned_rad = 2 * float(np.arccos(min(1.0, abs(float(quaternion @ pose.quaternion)))))
+        if not turned_rad < HELD_RAD:
+            problem = (
+                f"the trajectory begins turned by {turned_rad:.2f} rad against the {end} of {layout.name}"
+            )
+            raise ParameterError(problem, place=row, mend=mend)
 
 
 def _check_times(trajectory: Motion) -> None:

@@ -33,7 +33,7 @@ def headline(results: Results) -> dict[str, Any]:
     """
     ei, fit = stiffness(results), results.fit(CAPTURED)
     in_newton = ei is not None and "N" in ei.unit
-    learned = [result for name in results.layouts if (result := results.json("learn", name, "result.json"))]
+    learned = [result for name in results.layouts if (result := results.learned(name))]
     clearances = [value for result in learned if (value := result["min_clearance_m"]) is not None]
     error = results.chain_error
     return {

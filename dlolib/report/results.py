@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -20,6 +20,18 @@ from dlolib.types import CaptureIndex, Fit, Floats, Layout, Recording, Verdict
 
 CAPTURED = "captured"
 """The recording that the chain stage makes of the capture; the others were recorded elsewhere."""
+
+
+LEARNED = (
+    "layout",
+    "goal_error_m",
+    "min_clearance_m",
+    "contacts",
+    "iterations",
+    "iterations_total",
+    "starts",
+)
+"""What a learned motion's result.json must say."""
 
 
 @dataclass(frozen=True)
@@ -61,9 +73,31 @@ class Results:
         """A JSON object under the results, or None where there is no such file."""
         return read_object(self.folder.joinpath(*parts))
 
-    def table(self, *parts: str) -> pd.DataFrame | None:
-        """A CSV under the results, or None where there is no such file."""
-        return read_table(self.folder.joinpath(*parts))
+    def table(self, *parts: str, needs: Sequence[str] = ()) -> pd.DataFrame | None:
+        """A CSV under the results, or None where there is no such file.
+
+        Raises:
+            FormatError: it lacks a column that it needs.
+        """
+        path = self.folder.joinpath(*parts)
+        found = read_table(path)
+        absent = [column for column in needs if found is not None and column not in found]
+        if absent:
+            raise FormatError(f"has no column {absent[0]}", file=path, mend="run its stage again")
+        return found
+
+    def learned(self, name: str) -> dict[str, Any] | None:
+        """The result.json of a layout's learned motion, or None where there is none.
+
+        Raises:
+            FormatError: it does not say what it must.
+        """
+        found = self.json("learn", name, "result.json")
+        absent = [key for key in LEARNED if found is not None and key not in found]
+        if absent:
+            path = self.folder / "learn" / name / "result.json"
+            raise FormatError(f"has no {', '.join(absent)}", file=path, mend="run its stage again")
+        return found
 
     def fit(self, name: str) -> Fit | None:
         """What identification found for a recording."""

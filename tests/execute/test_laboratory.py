@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.spatial.transform import Rotation
 
 from dlolib.errors import ParameterError
 from dlolib.execute.laboratory import LabExecution, compare, execute_in_lab, rope_of
@@ -128,6 +129,26 @@ def test_a_trajectory_of_another_layout_is_refused() -> None:
     moved = replace(layout(), grasp=Pose(A + 0.02, np.array(TURN)))
     with pytest.raises(ParameterError, match="away from the grasp of layout_x"):
         execute_in_lab(motion(), moved, ROPE)
+
+
+@pytest.mark.parametrize("end", ["start", "grasp"])
+def test_a_layout_that_holds_an_end_otherwise_is_refused(end: str) -> None:
+    held = getattr(layout(), end)
+    tilted = Rotation.from_euler("y", 10, degrees=True) * Rotation.from_quat(TURN, scalar_first=True)
+    for pose, message in (
+        (
+            replace(held, position_m=held.position_m + np.array([0.0, 0.02, 0.0])),
+            f"0.020 m away from the {end}",
+        ),
+        (
+            replace(held, quaternion=tilted.as_quat(scalar_first=True)),
+            f"turned by 0.17 rad against the {end}",
+        ),
+    ):
+        with pytest.raises(ParameterError, match=message):
+            execute_in_lab(motion(), replace(layout(), **{end: pose}), ROPE)
+    with pytest.raises(ParameterError, match="layout_x, ends: an end is free"):
+        execute_in_lab(motion(), replace(layout(), ends=Ends(end="free")), ROPE)
 
 
 def test_the_layouts_rope_counts() -> None:

@@ -11,6 +11,7 @@ import yaml
 from dlolib.errors import DloError
 from stages.compare import TOLERANCES as TOLERANCE_FILE
 from stages.compare import check_ran, committed, compare, flattened
+from stages.report import read_headline
 
 TOLERANCES = {"chain.rms_m": {"absolute": 1e-5}, "learn_*.loss": {"relative": 0.01}, "chain.*": {}}
 
@@ -62,6 +63,14 @@ def test_every_committed_figure_has_a_tolerance() -> None:
     assert all(
         row.within for row in compare(figures, figures, yaml.safe_load(TOLERANCE_FILE.read_text("utf-8")))
     )
+
+
+def test_figures_without_a_report_are_refused_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(DloError, match="reports/report.json: no such file; run make repro first"):
+        read_headline()
 
 
 def test_a_tree_in_which_nothing_ran_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

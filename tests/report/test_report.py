@@ -16,7 +16,8 @@ import pytest
 from matplotlib.figure import Figure as Canvas
 from report.synthetic import LAYOUTS, write_results, write_robot_log
 
-from dlolib.errors import DloError
+from dlolib.errors import DloError, FormatError
+from dlolib.files import write_json
 from dlolib.report import Results, build_report, collect
 from dlolib.report.headline import headline
 from dlolib.report.shapes import shapes_figure
@@ -388,6 +389,38 @@ def test_unreadable_result_is_refused_and_nothing_written(results: Path, tmp_pat
     with pytest.raises(DloError, match=r"layout_2.result\.json.*no JSON"):
         build_report(copy / "reports", copy / "out")
     assert not (copy / "out").exists()
+
+
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize(
+    ("file", "key", "said"),
+    [
+        ("result.json", "min_clearance_m", "has no min_clearance_m"),
+        ("curve.csv", "contact_margin_m", "has no column"),
+    ],
+)
+def test_a_result_without_a_figure_is_refused_in_one_line(
+    results: Path, tmp_path: Path, file: str, key: str, said: str
+) -> None:
+    copy = tmp_path / "run"
+    shutil.copytree(results.parent, copy)
+    path = copy / "reports" / "learn" / LAYOUTS[0] / file
+    path.write_text(path.read_text(encoding="utf-8").replace(key, "other"), encoding="utf-8")
+    with pytest.raises(FormatError, match=rf"layout_1.{re.escape(file)}: {said}.*; run its stage again"):
+        collect(Results(copy / "reports", copy / "data"), tmp_path / "figures")
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_without_obstacles_there_is_no_clearance_and_none_is_missing(results: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "run"
+    shutil.copytree(results.parent, copy)
+    for path in (copy / "reports" / "learn").glob("*/result.json"):
+        write_json(path, json.loads(path.read_text(encoding="utf-8")) | {"min_clearance_m": None})
+    content = collect(Results(copy / "reports", copy / "data"), tmp_path / "figures")
+    (cards,) = blocks_of(content, "cards")
+    (card,) = [card for card in cards["items"] if card["label"] == "Smallest clearance"]
+    assert (card["value"], card["detail"]) == ("none", "No layout has an obstacle.")
+    assert "Not there yet" not in json.dumps(content["sections"][0])
 
 
 def test_missing_folder_is_refused(tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ TOUCHING_M, LATEST = 1e-4, 20
 
 def section(results: Results, figures: Path) -> Section:
     """Curve beside curve for every initial weight, and where each run ended."""
-    tables = {name: results.table("learn", name, "ablation.csv") for name in results.layouts}
+    tables = {name: read_ablation(results, name) for name in results.layouts}
     found = {name: table for name, table in tables.items() if table is not None}
     if not found:
         text = (
@@ -34,6 +34,11 @@ def section(results: Results, figures: Path) -> Section:
     for name, table in found.items():
         blocks += [Paragraph(_words(name, table)), _curves(name, table, figures), _table(name, table)]
     return Section("ablation", TITLE, tuple(blocks))
+
+
+def read_ablation(results: Results, name: str) -> pd.DataFrame | None:
+    """A layout's ablation, None where it has none."""
+    return results.table("learn", name, "ablation.csv", needs=("contact_margin_m",))
 
 
 def last_of_runs(table: pd.DataFrame, loss: str) -> pd.DataFrame:

@@ -10,7 +10,7 @@ from dlolib.report import paper
 from dlolib.report.headline import clear, headline, stiffness
 from dlolib.report.model import Column, Paragraph, Section, Table
 from dlolib.report.results import CAPTURED, Results
-from dlolib.report.sections.ablation import at_obstacle, last_of_runs
+from dlolib.report.sections.ablation import at_obstacle, last_of_runs, read_ablation
 from dlolib.report.text import ABSENT, millimetres, scientific, span, title
 
 Row = tuple[str, str, str, str]
@@ -85,13 +85,14 @@ def _iterations(results: Results) -> str:
 
 
 def _learning(results: Results) -> tuple[Row, ...]:
-    found = [result for name in results.layouts if (result := results.json("learn", name, "result.json"))]
+    found = [result for name in results.layouts if (result := results.learned(name))]
     numbers = headline(results)
     free = sum(clear(result) for result in found)
+    least_m = numbers["smallest_clearance_m"]
+    least = "no obstacle" if least_m is None else f"smallest clearance {millimetres(least_m)} mm"
     reached = (
         f"{free} of {len(found)} layouts without contact; worst mean error "
-        f"{millimetres(numbers['worst_goal_error_m'])} mm, smallest clearance "
-        f"{millimetres(numbers['smallest_clearance_m'])} mm"
+        f"{millimetres(numbers['worst_goal_error_m'])} mm, {least}"
         if found
         else ABSENT
     )
@@ -121,7 +122,7 @@ def _tried(result: Mapping[str, Any]) -> str:
 
 def _ablation(results: Results) -> tuple[Row, ...]:
     for name in results.layouts:
-        table = results.table("learn", name, "ablation.csv")
+        table = read_ablation(results, name)
         if table is None:
             continue
         command = f"`dvc repro learn@{name}`"

@@ -154,7 +154,7 @@ def _last_shape(shapes: pd.DataFrame) -> Floats | None:
 def _table(results: Results, executed: dict[str, dict[str, Any]], names: list[str]) -> Table:
     rows = []
     for name in names:
-        plan = results.json("learn", name, "result.json")
+        plan = results.learned(name)
         if plan is not None:
             rows.append((title(name), "plan (rod)", *_figures(plan), ABSENT))
         for law, found in executed[name]["laws"].items():

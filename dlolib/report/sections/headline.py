@@ -40,9 +40,9 @@ def _summary(results: Results) -> str:
     ei = stiffness(results)
     if ei is not None:
         texts.append(f"Its bending stiffness comes out at {scientific(ei.value)} {nice_unit(ei.unit)}.")
-    learned = [name for name in results.layouts if results.json("learn", name, "result.json")]
+    learned = [name for name in results.layouts if results.learned(name)]
     if learned:
-        results_of = [results.json("learn", name, "result.json") or {} for name in learned]
+        results_of = [results.learned(name) or {} for name in learned]
         free = sum(clear(result) for result in results_of)
         texts.append(
             f"A motion was learned for {len(learned)} layouts of obstacles; "
@@ -91,9 +91,7 @@ def _chain_card(results: Results, value: float | None) -> Card:
 
 def _goal_card(results: Results, value: float | None) -> Card:
     found = {
-        name: result["goal_error_m"]["mean"]
-        for name in results.layouts
-        if (result := results.json("learn", name, "result.json"))
+        name: result["goal_error_m"]["mean"] for name in results.layouts if (result := results.learned(name))
     }
     worst = max(found, key=lambda name: found[name]) if found else None
     detail = f"Mean distance to the goal shape, {title(worst)}, in the rod." if worst else ""
@@ -113,8 +111,11 @@ def _clearance_card(results: Results, value: float | None) -> Card:
     found = {
         name: result["min_clearance_m"]
         for name in results.layouts
-        if (result := results.json("learn", name, "result.json")) and result["min_clearance_m"] is not None
+        if (result := results.learned(name)) and result["min_clearance_m"] is not None
     }
+    learned = [name for name in results.layouts if results.learned(name)]
+    if learned and value is None:
+        return Card("Smallest clearance", "none", "", "No layout has an obstacle.", "dvc repro learn")
     least = min(found, key=lambda name: found[name]) if found else None
     detail = f"Rope's surface to the nearest obstacle, {title(least)}, in the rod." if least else ""
     reached = _laboratory(results, lambda law: law["min_clearance_m"], min)

@@ -25,7 +25,7 @@ PATH_COLUMNS = ["end_x_m", "end_y_m", "end_z_m"]
 
 def section(results: Results, figures: Path) -> Section:
     """Each layout seen from the front and from above, a table, the curves of learning."""
-    learned = [name for name in results.layouts if results.json("learn", name, "result.json")]
+    learned = [name for name in results.layouts if results.learned(name)]
     if not learned:
         return Section("layouts", TITLE, (Missing("Nothing was learned yet: `dvc repro learn` does it."),))
     blocks: list[Block] = [Paragraph(_words())]
@@ -37,7 +37,9 @@ def section(results: Results, figures: Path) -> Section:
         blocks.append(Missing(f"No layout or no shapes to draw for {listed(absent)}."))
     blocks.append(_table(results, learned))
     curves = {
-        name: curve for name in learned if (curve := results.table("learn", name, "curve.csv")) is not None
+        name: curve
+        for name in learned
+        if (curve := results.table("learn", name, "curve.csv", needs=("contact_margin_m",))) is not None
     }
     if curves:
         blocks.append(_curves(curves, figures))
@@ -154,7 +156,7 @@ def _legend(figure: Canvas) -> None:
 def _table(results: Results, names: list[str]) -> Table:
     rows = []
     for name in names:
-        result = results.json("learn", name, "result.json")
+        result = results.learned(name)
         assert result is not None
         goal = result["goal_error_m"]
         rows.append(
