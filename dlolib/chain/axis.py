@@ -18,6 +18,8 @@ BRIDGE_STEP_M = 0.002
 STRAIGHT_M, OVERLAP_M = 0.01, 0.03
 HIDDEN_DOUBT, SEEN_DOUBT = 0.1, 0.003
 LARGEST_MISFIT, LARGEST_BRIDGE_MISFIT = 0.03, 0.33
+# A free tip may be out of sight: more than so many deviations of what was seen is no error of measurement.
+SURE = 3.0
 BACK_SAMPLES = 10
 ALONG = 0.5
 
@@ -50,9 +52,10 @@ def assemble(
     """String ordered strands together and give every sample its arc length from the start.
 
     Hidden stretches are bridged by cubics for their length only. Where the measured length is within 3 %
-    of the known one (and within a third of what is hidden between two held ends), what is left of the
-    difference is spread: hidden stretches are trusted to 10 %, seen ones to 0.3 %. Else an end is out of
-    sight, and arc length counts as measured from the end that is held, or from the first that is seen.
+    of the known one (within 0.9 % where one end is held and the other's tip may be out of sight; a third of
+    what is hidden comes on top where an end is held), what is left of the difference is spread: hidden
+    stretches are trusted to 10 %, seen ones to 0.3 %. Else an end is out of sight, and arc length counts as
+    measured from the end that is held, or from the first that is seen.
 
     Args:
         strands: the visible stretches in camera axes, each from start to end, at least one.
@@ -72,13 +75,12 @@ def assemble(
     hidden = np.repeat([piece.hidden for piece in pieces], [len(piece.seen) for piece in pieces])
     step = np.linalg.norm(np.diff(points, axis=0), axis=1)
     measured = float(step.sum())
-    largest = LARGEST_MISFIT * length_m
-    if start is not None and end is not None:
-        largest += LARGEST_BRIDGE_MISFIT * float(step[hidden[1:] | hidden[:-1]].sum())
-    fitted = abs(measured - length_m) <= largest
+    unseen = hidden[1:] | hidden[:-1]
+    held = (start is not None) + (end is not None)
+    fitted = abs(measured - length_m) <= _largest_misfit(step, unseen, held, length_m)
     spread = 0.0
     if fitted:
-        step, spread = _fitted(step, hidden[1:] | hidden[:-1], length_m)
+        step, spread = _fitted(step, unseen, length_m)
     s = np.concatenate([[0.0], np.cumsum(step)])
     from_end = start is None and end is not None and not fitted
     if from_end:
@@ -219,6 +221,15 @@ def _cut_before(strands: list[Strand], anchor: Anchor, length_m: float) -> list[
     if len(first.points_m) - cut < 2:
         return strands
     return [_from(first, cut), *strands[1:]]
+
+
+def _largest_misfit(step: Floats, hidden: NDArray[np.bool_], held: int, length_m: float) -> float:
+    """By how much [m] steps (M - 1,) between so many held ends may together be off the known length."""
+    hidden_m = float(step[hidden].sum())
+    if held == 0:
+        return LARGEST_MISFIT * length_m
+    seen_m = LARGEST_MISFIT * length_m if held == 2 else SURE * SEEN_DOUBT * float(step[~hidden].sum())
+    return seen_m + LARGEST_BRIDGE_MISFIT * hidden_m
 
 
 def _fitted(step: Floats, hidden: NDArray[np.bool_], length_m: float) -> tuple[Floats, float]:

@@ -8,7 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 from chain.test_clouds import distances
-from chain.tubes import Scene, along, index_of, photograph, wave, without_diameter, write_capture
+from chain.tubes import (
+    FOCAL,
+    WIDTH,
+    Scene,
+    along,
+    index_of,
+    photograph,
+    wave,
+    without_diameter,
+    write_capture,
+)
 
 from dlolib.captures import open_capture
 from dlolib.captures.base import Frame
@@ -16,7 +26,7 @@ from dlolib.captures.image_folder import ImageFolder
 from dlolib.chain import ChainSettings, chain_frame, extract_chain
 from dlolib.errors import ChainError, ParameterError
 from dlolib.formats import read_recording, write_recording
-from dlolib.types import CaptureIndex, Floats
+from dlolib.types import CaptureIndex, Ends, Floats
 
 NOWHERE = Path("tube")
 # A pillar before the middle, a gripper before the end.
@@ -131,6 +141,40 @@ def test_arc_lengths_of_a_free_rope_of_another_length_stay_within_the_known_one(
     assert s_m[-1] == pytest.approx(min(index.rope.length_m, 0.445), abs=3e-3)
     seen = result.recording.points.xyz_m
     assert np.linalg.norm(np.diff(seen, axis=0), axis=1).sum() == pytest.approx(0.445, abs=3e-3)
+
+
+HELD = {"start": Ends("clamped", "free"), "end": Ends("free", "clamped")}
+
+
+@pytest.mark.parametrize("held", HELD)
+def test_a_free_tip_out_of_sight_stretches_no_arc_length(held: str) -> None:
+    """8 mm of 445 lie outside the image: what is seen counts from the end that is held."""
+    axis = wave(0.5)
+    half = 0.5 * WIDTH / FOCAL * 0.75
+    middle = axis[-1, 0] - 0.008 - half if held == "start" else axis[0, 0] + 0.008 + half
+    frame, index = seen_by(axis, Scene(camera_m=(middle, -0.75, -0.02)))
+    chain = chain_frame(frame, replace(index, ends=HELD[held]), ChainSettings())
+    assert not chain.fitted and chain.counts
+    assert errors(axis, chain.s_m, chain.xyz_m).max() < 1.2e-3
+    # the seen part's own end is a point, too
+    tip = chain.s_m[-1] if held == "start" else 0.445 - chain.s_m[0]
+    assert tip == pytest.approx(0.4365, abs=1.5e-3)
+
+
+@pytest.mark.parametrize("held", HELD)
+@pytest.mark.parametrize("share", [0.98, 1.02])
+def test_a_length_that_was_measured_wrong_stretches_no_arc_length(held: str, share: float) -> None:
+    """Arc length counts from the end that is held: to the tip, or to the known length where that is less."""
+    axis = wave(0.5)
+    frame, index = seen_by(axis, Scene())
+    known = share * 0.445
+    index = replace(index, ends=HELD[held], rope=replace(index.rope, length_m=known))
+    chain = chain_frame(frame, index, ChainSettings())
+    assert not chain.fitted
+    true_s = chain.s_m + (0.445 - known if held == "end" else 0.0)
+    assert errors(axis, true_s, chain.xyz_m).max() < 1.2e-3
+    assert len(chain.s_m) >= 29 and chain.s_m[0] >= 0 and chain.s_m[-1] <= known
+    assert np.ptp(chain.s_m) == pytest.approx(min(known, 0.445), abs=1.5e-3)
 
 
 def test_a_frame_in_which_the_rope_has_not_its_length_is_said_and_left_out(
