@@ -15,6 +15,9 @@ LARGEST_PX = 4096
 MARGIN_PX = 8
 CLOSING_PX, EDGE_PX = 3, 5
 JUMP_M, FAR_M = 0.02, 1e3
+# Points of a plain cloud all lie at whole steps (1; 0 for points anywhere), and fill the rope's pixels but
+# for a few at its outline (0.88 of a rope of three pixels, 0.94 and more of wider ones).
+LEAST_TOGETHER, LEAST_READ = 0.5, 0.85
 
 
 def view_of_cloud(cloud_m: Floats) -> View:
@@ -24,7 +27,7 @@ def view_of_cloud(cloud_m: Floats) -> View:
     nearest neighbour there is one over the focal length. Nearer points hide further ones.
 
     Raises:
-        ChainError: the cloud is no image: too few points or too wide for their spacing.
+        ChainError: the cloud is no image: too few points, too wide for their spacing, or thinned.
     """
     flat = cloud_m[:, :2] / cloud_m[:, 2:]
     near = np.asarray(cKDTree(flat).query(flat, k=2)[0])[:, 1] if len(flat) > 1 else np.zeros(1)
@@ -37,7 +40,11 @@ def view_of_cloud(cloud_m: Floats) -> View:
     focal = 1.0 / pitch
     lattice = flat * focal
     # The lattice's own offset, by the mean angle of its fractional part: no pixel then falls between two.
-    turn = np.angle(np.exp(2j * np.pi * lattice).mean(axis=0)) / (2 * np.pi)
+    mean = np.exp(2j * np.pi * lattice).mean(axis=0)
+    # A camera's two focal lengths differ a little, and the spacing is the smaller one of both axes.
+    if np.abs(mean).max() < LEAST_TOGETHER:
+        raise _thinned(f"the {len(cloud_m)} points lie on no grid of pixels")
+    turn = np.angle(mean) / (2 * np.pi)
     corner = np.floor((lattice - turn).min(axis=0)) - MARGIN_PX
     place = np.round(lattice - turn - corner).astype(int)
     width, height = place.max(axis=0) + MARGIN_PX + 1
@@ -46,10 +53,17 @@ def view_of_cloud(cloud_m: Floats) -> View:
     read = np.isfinite(depth)
     kernel = np.ones((CLOSING_PX, CLOSING_PX), np.uint8)
     mask = cv2.morphologyEx(read.astype(np.uint8), cv2.MORPH_CLOSE, kernel) > 0
+    share = np.count_nonzero(read) / np.count_nonzero(mask)
+    if share < LEAST_READ:
+        raise _thinned(f"of the rope's pixels only {share:.0%} have a point")
     cx, cy = -(turn + corner)
     depth[~read] = 0
     mask &= ~_behind_edges(depth)
     return View(np.asarray(mask), mask.astype(np.float32), depth, focal, focal, float(cx), float(cy))
+
+
+def _thinned(problem: str) -> ChainError:
+    return ChainError(problem, mend="give the cloud as the camera made it, unthinned")
 
 
 def _behind_edges(depth_m: Depth) -> Mask:

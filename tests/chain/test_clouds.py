@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -53,6 +54,29 @@ def test_without_a_diameter_a_cloud_stays_on_the_skin() -> None:
     index = replace(index, rope=replace(index.rope, diameter_m=None))
     frame = Frame(0, 0.0, Path("cloud.ply"), cloud_m=cloud_of(*photograph(axis, scene), scene))
     assert -8.2e-3 < chain_frame(frame, index, ChainSettings()).xyz_m[:, 1].mean() < -6.8e-3
+
+
+def halved(cloud_m: Floats, cell_m: float = 0.002) -> Floats:
+    """Means of the points in each cell of a grid in space, as Open3D's `voxel_down_sample`."""
+    _, cell = np.unique(np.floor(cloud_m / cell_m), axis=0, return_inverse=True)
+    return np.stack([np.bincount(cell, column) / np.bincount(cell) for column in cloud_m.T], axis=-1)
+
+
+@pytest.mark.parametrize(
+    ("thinned", "says"),
+    [
+        pytest.param(lambda cloud: cloud[: len(cloud) * 2 // 3], "rope's pixels only", id="two thirds"),
+        pytest.param(lambda cloud: cloud[::10], "no grid of pixels", id="a tenth"),
+        pytest.param(halved, "rope's pixels only", id="cells"),
+    ],
+)
+def test_a_thinned_cloud_is_refused(thinned: Callable[[Floats], Floats], says: str) -> None:
+    """Its chain would be 10 to 20 mm off, with nothing to show it."""
+    scene, axis = Scene(), wave(0.5)
+    cloud = thinned(cloud_of(*photograph(axis, scene), scene))
+    frame = Frame(0, 0.0, Path("cloud.ply"), cloud_m=cloud)
+    with pytest.raises(ChainError, match=rf"cloud\.ply: .*{says}.*; give .* unthinned"):
+        chain_frame(frame, index_of(Path("tube"), [axis], scene), ChainSettings())
 
 
 PLY = b"ply\nformat ascii 1.0\nelement vertex 2\n" + b"".join(b"property float %c\n" % c for c in b"xyz")
