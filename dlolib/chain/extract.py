@@ -88,7 +88,7 @@ def _doubts(chains: Sequence[FrameChain], index: CaptureIndex) -> Iterator[str]:
     """What is to be said of frames in which the rope has not its length.
 
     Raises:
-        ChainError: none has it, with both ends held.
+        ChainError: no frame counts.
     """
     known = index.rope.length_m
     lost = [chain for chain in chains if not chain.counts]
@@ -99,10 +99,17 @@ def _doubts(chains: Sequence[FrameChain], index: CaptureIndex) -> Iterator[str]:
             mend="correct it, or what is taken for the rope (chain.segmentation)",
         )
     if lost:
-        yield f"{index.name}: the rope is {known:.3f} m long, and {_named(lost)}; left out, look at sheet.png"
-    short = [chain for chain in chains if chain.counts and not chain.fitted]
+        free = "free" in (index.ends.start, index.ends.end)
+        why = ", so something else is taken for a part of it" if free else ""
+        says = f"the rope is {known:.3f} m long, and {_named(lost)}{why}"
+        yield f"{index.name}: {says}; left out, look at sheet.png"
+    off = [chain for chain in chains if chain.counts and not chain.fitted]
+    short = [chain for chain in off if chain.measured_m < known]
     if short:
         yield f"{index.name}: of a rope of {known:.3f} m only {_named(short)}; counted from what was seen"
+    longer = [chain for chain in off if chain.measured_m >= known]
+    if longer:
+        yield f"{index.name}: of a rope of {known:.3f} m {_named(longer)}; counted from the end that is held"
 
 
 def _lengths(chains: Sequence[FrameChain]) -> str:

@@ -36,7 +36,8 @@ class FrameChain:
     measured, hidden stretches bridged; fitted: whether it agreed with the rope's length, so that s_m was
     brought to it; seen_share of the rope's length; depth_scatter_m, of single readings about the axis.
     covariance_m2 (K, 3, 3) of the points, but of a cloud's. counts: False where both ends are held and the
-    length between them is not the rope's: something else was taken for it, or a part of it left out.
+    length between them is not the rope's, or it is longer: something else was taken for it, or a part of it
+    left out.
     """
 
     frame: int
@@ -82,7 +83,7 @@ def chain_frame(
         if _starts_at_the_other(tips, previous):
             strands = [strand.turned() for strand in strands[::-1]]
     axis = assemble(strands, start, end, index.rope.length_m, settings.bridge_m)
-    held = start is not None or end is not None
+    held = (start is not None) + (end is not None)
     whole = index.rope.length_m if axis.fitted or held else float(axis.s_m[-1])
     share = _seen_share(axis, whole)
     if share < settings.min_seen:
@@ -105,7 +106,7 @@ def chain_frame(
         share,
         scatter,
         None if axis.sigma_m is None else _turned(covariances(axis, s_m, points, index.rope), index),
-        axis.fitted or start is None or end is None,
+        axis.counts(held, index.rope.length_m),
     )
 
 

@@ -44,6 +44,11 @@ def errors(axis: Floats, s_m: Floats, xyz_m: Floats) -> Floats:
     return np.linalg.norm(xyz_m - along(axis, s_m), axis=1)
 
 
+def of_length(index: CaptureIndex, share: float) -> CaptureIndex:
+    """The same capture of a rope that was measured to be so many times as long."""
+    return replace(index, rope=replace(index.rope, length_m=share * index.rope.length_m))
+
+
 def rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
@@ -123,27 +128,36 @@ def test_with_free_ends_the_start_stays_the_start(tmp_path: Path) -> None:
         assert rms(errors(axis, chain.s_m, chain.xyz_m)) < 3.0e-3
 
 
-@pytest.mark.parametrize("share", [0.9, 1.15])
-def test_arc_lengths_of_a_free_rope_of_another_length_stay_within_the_known_one(
-    tmp_path: Path, share: float
-) -> None:
+def test_arc_lengths_of_a_free_rope_that_is_seen_in_part_go_from_tip_to_tip(tmp_path: Path) -> None:
     """Its length was measured wrongly, or a tip is out of sight: the recording is readable all the same."""
     write_capture(tmp_path / "free", [wave(0.4)], Scene(noisy=False), clamped=False)
-    source = open_capture(tmp_path / "free")
-    index = source.index
-    index = replace(index, rope=replace(index.rope, length_m=share * index.rope.length_m))
-    result = extract_chain(ImageFolder(index))
+    result = extract_chain(ImageFolder(of_length(open_capture(tmp_path / "free").index, 1.15)))
     write_recording(result.recording, tmp_path / "out")
     s_m = read_recording(tmp_path / "out").points.s_m
     assert not result.frames[0].fitted
-    # From tip to tip: arc lengths as measured, but for what would be beyond the known length.
-    assert len(s_m) == 30
-    assert s_m[-1] == pytest.approx(min(index.rope.length_m, 0.445), abs=3e-3)
+    assert len(s_m) == 30 and s_m[-1] == pytest.approx(0.445, abs=3e-3)
     seen = result.recording.points.xyz_m
     assert np.linalg.norm(np.diff(seen, axis=0), axis=1).sum() == pytest.approx(0.445, abs=3e-3)
 
 
 HELD = {"start": Ends("clamped", "free"), "end": Ends("free", "clamped")}
+
+
+@pytest.mark.parametrize("ends", [Ends("free", "free"), *HELD.values()])
+def test_more_than_the_rope_does_not_count(
+    ends: Ends, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """As where another cable lies beyond a free tip."""
+    write_capture(tmp_path / "long", [wave(0.6), 1.1 * wave(0.6)], Scene(noisy=False))
+    index = replace(open_capture(tmp_path / "long").index, ends=ends)
+    result = extract_chain(ImageFolder(index))
+    assert [chain.counts for chain in result.frames] == [True, False]
+    assert set(result.recording.points.frame) == {0}
+    assert "m were measured in frames 1, so something else is taken for a part of it; left out" in caplog.text
+    assert "only" not in caplog.text
+    with pytest.raises(ChainError, match="in every frame 0.445 to") as told:
+        extract_chain(ImageFolder(of_length(index, 0.9)))
+    assert told.value.place == "object.length_m"
 
 
 @pytest.mark.parametrize("held", HELD)
@@ -168,8 +182,7 @@ def test_a_length_that_was_measured_wrong_stretches_no_arc_length(held: str, sha
     axis = wave(0.5)
     frame, index = seen_by(axis, Scene())
     known = share * 0.445
-    index = replace(index, ends=HELD[held], rope=replace(index.rope, length_m=known))
-    chain = chain_frame(frame, index, ChainSettings())
+    chain = chain_frame(frame, replace(of_length(index, share), ends=HELD[held]), ChainSettings())
     assert not chain.fitted
     true_s = chain.s_m + (0.445 - known if held == "end" else 0.0)
     assert errors(axis, true_s, chain.xyz_m).max() < 1.2e-3
@@ -197,8 +210,7 @@ def test_a_frame_in_which_the_rope_has_not_its_length_is_said_and_left_out(
 
 def test_a_rope_that_never_has_its_length_is_refused(tmp_path: Path) -> None:
     write_capture(tmp_path / "held", [wave(0.6)], Scene(noisy=False))
-    index = open_capture(tmp_path / "held").index
-    index = replace(index, rope=replace(index.rope, length_m=1.2 * index.rope.length_m))
+    index = of_length(open_capture(tmp_path / "held").index, 1.2)
     with pytest.raises(ChainError, match="tube: the rope is 0.534 m .* in every frame 0.445 to") as told:
         extract_chain(ImageFolder(index))
     assert told.value.place == "object.length_m"
