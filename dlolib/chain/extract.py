@@ -21,6 +21,7 @@ from dlolib.types import CaptureIndex, Floats, Motion, Points, Recording
 PASSES = 3
 # A warning names no more frames than this.
 MOST_NAMED = 8
+POSES = "check camera.world_from_camera and motion.csv"
 
 
 @dataclass(frozen=True)
@@ -85,19 +86,24 @@ def extract_chain(source: Source, settings: ChainSettings | None = None) -> Chai
 
 
 def _doubts(chains: Sequence[FrameChain], index: CaptureIndex) -> Iterator[str]:
-    """What is to be said of frames in which the rope has not its length.
+    """What is to be said of held ends away from the rope, and of frames in which it has not its length.
 
     Raises:
         ChainError: no frame counts.
     """
     known = index.rope.length_m
     lost = [chain for chain in chains if not chain.counts]
+    astray = list(_astray(chains))
+    if astray and len(lost) == len(chains):
+        raise ChainError(f"{index.name}: {astray[0]}", place="camera.world_from_camera", mend=POSES)
     if len(lost) == len(chains):
         raise ChainError(
             f"{index.name}: the rope is {known:.3f} m long, and in every frame {_lengths(lost)}",
             place="object.length_m",
             mend="correct it, or what is taken for the rope (chain.segmentation)",
         )
+    for where in astray:
+        yield f"{index.name}: {where}; {POSES}"
     if lost:
         free = "free" in (index.ends.start, index.ends.end)
         why = ", so something else is taken for a part of it" if free else ""
@@ -110,6 +116,15 @@ def _doubts(chains: Sequence[FrameChain], index: CaptureIndex) -> Iterator[str]:
     longer = [chain for chain in off if chain.measured_m >= known]
     if longer:
         yield f"{index.name}: of a rope of {known:.3f} m {_named(longer)}; counted from the end that is held"
+
+
+def _astray(chains: Sequence[FrameChain]) -> Iterator[str]:
+    """The held ends that in most frames are away from the rope."""
+    for end, off_m in zip(
+        ("start", "end"), np.median([chain.astray_m for chain in chains], axis=0), strict=True
+    ):
+        if off_m > 0:
+            yield f"the held {end} is logged {1e3 * off_m:.0f} mm from where the rope is seen"
 
 
 def _lengths(chains: Sequence[FrameChain]) -> str:

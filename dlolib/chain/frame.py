@@ -12,6 +12,7 @@ from dlolib.captures.base import Frame
 from dlolib.chain.axis import Axis, assemble
 from dlolib.chain.cloud import view_of_cloud
 from dlolib.chain.greedy import greedy_chain
+from dlolib.chain.held import astray
 from dlolib.chain.join import joined
 from dlolib.chain.lift import Strand, centred, lift
 from dlolib.chain.order import Anchor, in_order
@@ -37,7 +38,8 @@ class FrameChain:
     brought to it; seen_share of the rope's length; depth_scatter_m, of single readings about the axis.
     covariance_m2 (K, 3, 3) of the points, but of a cloud's. counts: False where both ends are held and the
     length between them is not the rope's, or it is longer: something else was taken for it, or a part of it
-    left out.
+    left out. astray_m: how far from the rope the start and the end were logged, 0 where it agrees or cannot
+    be told.
     """
 
     frame: int
@@ -54,6 +56,7 @@ class FrameChain:
     depth_scatter_m: float
     covariance_m2: Floats | None = None
     counts: bool = True
+    astray_m: tuple[float, float] = (0.0, 0.0)
 
 
 def chain_frame(
@@ -107,6 +110,7 @@ def chain_frame(
         scatter,
         None if axis.sigma_m is None else _turned(covariances(axis, s_m, points, index.rope), index),
         axis.counts(held, index.rope.length_m),
+        astray(strands, start, end, view),
     )
 
 

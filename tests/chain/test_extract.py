@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -138,6 +139,52 @@ def test_arc_lengths_of_a_free_rope_that_is_seen_in_part_go_from_tip_to_tip(tmp_
     assert len(s_m) == 30 and s_m[-1] == pytest.approx(0.445, abs=3e-3)
     seen = result.recording.points.xyz_m
     assert np.linalg.norm(np.diff(seen, axis=0), axis=1).sum() == pytest.approx(0.445, abs=3e-3)
+
+
+def seen_from_elsewhere(index: CaptureIndex, by_m: tuple[float, float, float]) -> CaptureIndex:
+    """The same capture, its camera said to stand so far from where it stood."""
+    pose = index.camera.world_from_camera.copy()
+    pose[:3, 3] += by_m
+    return replace(index, camera=replace(index.camera, world_from_camera=pose))
+
+
+@pytest.mark.parametrize("hidden", [False, True])
+@pytest.mark.parametrize(
+    "by_m", [(0.008, 0.0, 0.0), (-0.02, 0.0, 0.0), (0.0, 0.0, 0.008), (0.0, 0.02, 0.0), (0.0, 0.0, 0.02)]
+)
+def test_a_wrong_pose_of_the_camera_is_said_and_not_blamed_on_the_length(
+    by_m: tuple[float, float, float], hidden: bool, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Whether the camera looks on past the rope's true ends, or grippers stand there."""
+    axis = wave(0.5)
+    end = axis[-1] - 0.02
+    grippers = (
+        ((-0.04, -0.02, -0.02), (0.04, 0.04, 0.04)),
+        ((end[0] + 0.02, -0.02, end[2]), (0.04, 0.04, 0.04)),
+    )
+    write_capture(tmp_path / "held", [axis], Scene(boxes=grippers if hidden else ()))
+    index = seen_from_elsewhere(open_capture(tmp_path / "held").index, by_m)
+    try:
+        extract_chain(ImageFolder(index))
+        said = caplog.text
+    except ChainError as error:
+        said = str(error)
+        assert error.place == "camera.world_from_camera"
+    off = round(1e3 * float(np.linalg.norm(by_m)))
+    assert re.search(rf"tube: the held (start|end) is logged ({off - 1}|{off}|{off + 1}) mm from where", said)
+    assert "check camera.world_from_camera and motion.csv" in said and "object.length_m" not in said
+
+
+def test_a_gripper_that_hides_the_rope_beside_its_clamp_is_no_wrong_pose(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    axes = [wave(0.9), wave(1.2)]
+    grippers = tuple(
+        ((x - 0.03, -0.04, -0.05), (0.06, 0.02, 0.1)) for x in (0.0, float(np.mean([a[-1, 0] for a in axes])))
+    )
+    write_capture(tmp_path / "held", axes, Scene(boxes=grippers))
+    extract_chain(open_capture(tmp_path / "held"))
+    assert "is logged" not in caplog.text
 
 
 HELD = {"start": Ends("clamped", "free"), "end": Ends("free", "clamped")}

@@ -1,0 +1,78 @@
+"""Whether the rope is seen where its held ends are logged: a wrong pose of the camera shows there."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dlolib.chain.axis import ALONG, STRAIGHT_M
+from dlolib.chain.centre import tangents
+from dlolib.chain.lift import Strand
+from dlolib.chain.order import Anchor
+from dlolib.chain.view import View
+from dlolib.types import Floats
+
+# Further from a held end the rope tells nothing of it; nearer, the end is where it was logged (in plain view
+# the rope is seen to end within 2 mm of it).
+NEAR_M, ASTRAY_M = 0.05, 0.006
+# Both tips are off together where they differ by no more than this share of it.
+TOGETHER = 0.3
+# So much further than the rope a reading is of what is behind it; over this share of a gap nothing hides it.
+BEHIND_M, OPEN_SHARE, SAMPLES = 0.01, 0.8, 21
+
+
+def astray(
+    strands: list[Strand], start: Anchor | None, end: Anchor | None, view: View
+) -> tuple[float, float]:
+    """How far [m] from the rope the start and the end were logged; 0 where it agrees, or cannot be told.
+
+    What hides a rope beside its clamp leaves a gap, too, and a tail may hang out on a clamp's other side. But
+    no gap and tail are alike by chance: where both tips are off by the same, the camera is.
+
+    Args:
+        strands: the visible stretches in order, each from start to end, at least one.
+        start, end: the held ends in the same axes; None where free.
+        view: what the camera saw.
+    """
+    if start is not None and end is not None:
+        offsets = np.array([strands[0].points_m[0] - start.place_m, strands[-1].points_m[-1] - end.place_m])
+        off = float(np.linalg.norm(offsets.mean(axis=0)))
+        if ASTRAY_M < off <= NEAR_M and np.linalg.norm(np.diff(offsets, axis=0)) <= TOGETHER * off:
+            first, last = np.linalg.norm(offsets, axis=1)
+            return float(first), float(last)
+    turned = None if end is None else Anchor(end.place_m, -end.tangent)
+    return _beside(strands[0], start, view), _beside(strands[-1].turned(), turned, view)
+
+
+def _beside(first: Strand, start: Anchor | None, view: View) -> float:
+    """How far [m] from the first strand a held start was logged, by itself.
+
+    It tells only where the rope passes abreast of it, or the camera looks through the gap. The chord of a
+    bend between them runs in the mean of both directions, so that a bend is neither.
+    """
+    if start is None:
+        return 0.0
+    points, heading = first.points_m, tangents(first.points_m)
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    near = (way <= 2 * NEAR_M) & (heading @ start.tangent > ALONG)
+    if not near.any():
+        return 0.0
+    offset, heading = points[near] - start.place_m, heading[near]
+    nearest = int(np.argmin(np.linalg.norm(offset, axis=1)))
+    gap = float(np.linalg.norm(offset[nearest]))
+    if not ASTRAY_M < gap <= NEAR_M:
+        return 0.0
+    middle = start.tangent + heading[nearest]
+    along = abs(float(offset[nearest] @ middle)) / float(np.linalg.norm(middle))
+    abreast = along <= STRAIGHT_M and gap**2 - along**2 > max(ASTRAY_M, along) ** 2
+    return gap if abreast or _open(start.place_m, offset[nearest], view) else 0.0
+
+
+def _open(place_m: Floats, gap_m: Floats, view: View) -> bool:
+    """Whether the camera sees what is behind a gap (3,) from a place (3,) on, so that nothing hides it."""
+    points = place_m + np.linspace(0, 1, SAMPLES)[:, None] * gap_m
+    column, row = np.round(view.pixel(points)).astype(int).T
+    height, width = view.depth_m.shape
+    inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    read = np.zeros(SAMPLES)
+    read[inside] = view.depth_m[row[inside], column[inside]]
+    return float(np.mean(read > points[:, 2] + BEHIND_M)) >= OPEN_SHARE
