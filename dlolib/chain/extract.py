@@ -86,7 +86,8 @@ def extract_chain(source: Source, settings: ChainSettings | None = None) -> Chai
 
 
 def _doubts(chains: Sequence[FrameChain], index: CaptureIndex) -> Iterator[str]:
-    """What is to be said of held ends away from the rope, and of frames in which it has not its length.
+    """What is to be said of a rope without diameter, of held ends away from it, and of frames in which it has
+    not its length.
 
     Raises:
         ChainError: no frame counts.
@@ -102,6 +103,10 @@ def _doubts(chains: Sequence[FrameChain], index: CaptureIndex) -> Iterator[str]:
             place="object.length_m",
             mend="correct it, or what is taken for the rope (chain.segmentation)",
         )
+    skin_m = float(np.median([chain.skin_m for chain in chains]))
+    if skin_m > 0:
+        lie = f"the points lie on the skin, about {1e3 * skin_m:.1f} mm before the axis"
+        yield f"{index.name}: object.diameter_m is not given: {lie}"
     for where in astray:
         yield f"{index.name}: {where}; {POSES}"
     if lost:
@@ -120,11 +125,11 @@ def _doubts(chains: Sequence[FrameChain], index: CaptureIndex) -> Iterator[str]:
 
 def _astray(chains: Sequence[FrameChain]) -> Iterator[str]:
     """The held ends that in most frames are away from the rope."""
-    for end, off_m in zip(
-        ("start", "end"), np.median([chain.astray_m for chain in chains], axis=0), strict=True
-    ):
-        if off_m > 0:
-            yield f"the held {end} is logged {1e3 * off_m:.0f} mm from where the rope is seen"
+    off_m = np.median([chain.astray_m for chain in chains], axis=0)
+    most = np.mean([np.array(chain.astray_m) > 0 for chain in chains], axis=0) > 0.5
+    for number, end in enumerate(("start", "end")):
+        if most[number]:
+            yield f"the held {end} is logged {1e3 * off_m[number]:.0f} mm from where the rope is seen"
 
 
 def _lengths(chains: Sequence[FrameChain]) -> str:

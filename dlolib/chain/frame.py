@@ -39,7 +39,7 @@ class FrameChain:
     covariance_m2 (K, 3, 3) of the points, but of a cloud's. counts: False where both ends are held and the
     length between them is not the rope's, or it is longer: something else was taken for it, or a part of it
     left out. astray_m: how far from the rope the start and the end were logged, 0 where it agrees or cannot
-    be told.
+    be told. skin_m: about how far before the axis the points lie, 0 where the rope's radius is known.
     """
 
     frame: int
@@ -57,6 +57,7 @@ class FrameChain:
     covariance_m2: Floats | None = None
     counts: bool = True
     astray_m: tuple[float, float] = (0.0, 0.0)
+    skin_m: float = 0.0
 
 
 def chain_frame(
@@ -95,6 +96,7 @@ def chain_frame(
     if not len(s_m):
         raise _no_rope(frame, "what is long and narrow in it is too short for a chain's spacing")
     scatter = float(np.median([strand.sigma_m for strand in strands]))
+    skin_m = 0.0 if index.rope.radius_m else 0.5 * width * view.pitch
     return FrameChain(
         frame.frame,
         frame.t_s,
@@ -108,9 +110,10 @@ def chain_frame(
         axis.fitted,
         share,
         scatter,
-        None if axis.sigma_m is None else _turned(covariances(axis, s_m, points, index.rope), index),
+        None if axis.sigma_m is None else _turned(covariances(axis, s_m, points, index.rope, skin_m), index),
         axis.counts(held, index.rope.length_m),
-        astray(strands, start, end, view),
+        astray(strands, start, end, view, skin_m),
+        skin_m,
     )
 
 

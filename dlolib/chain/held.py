@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from dlolib.chain.axis import ALONG, STRAIGHT_M
@@ -21,7 +23,7 @@ BEHIND_M, OPEN_SHARE, SAMPLES = 0.01, 0.8, 21
 
 
 def astray(
-    strands: list[Strand], start: Anchor | None, end: Anchor | None, view: View
+    strands: list[Strand], start: Anchor | None, end: Anchor | None, view: View, skin_m: float
 ) -> tuple[float, float]:
     """How far [m] from the rope the start and the end were logged; 0 where it agrees, or cannot be told.
 
@@ -32,15 +34,23 @@ def astray(
         strands: the visible stretches in order, each from start to end, at least one.
         start, end: the held ends in the same axes; None where free.
         view: what the camera saw.
+        skin_m: how far before the axis the strands lie.
     """
+    opening, closing = _deeper(strands[0], skin_m), _deeper(strands[-1], skin_m)
     if start is not None and end is not None:
-        offsets = np.array([strands[0].points_m[0] - start.place_m, strands[-1].points_m[-1] - end.place_m])
+        offsets = np.array([opening.points_m[0] - start.place_m, closing.points_m[-1] - end.place_m])
         off = float(np.linalg.norm(offsets.mean(axis=0)))
         if ASTRAY_M < off <= NEAR_M and np.linalg.norm(np.diff(offsets, axis=0)) <= TOGETHER * off:
             first, last = np.linalg.norm(offsets, axis=1)
             return float(first), float(last)
     turned = None if end is None else Anchor(end.place_m, -end.tangent)
-    return _beside(strands[0], start, view), _beside(strands[-1].turned(), turned, view)
+    return _beside(opening, start, view), _beside(closing.turned(), turned, view)
+
+
+def _deeper(strand: Strand, by_m: float) -> Strand:
+    """A strand carried so much further from the camera."""
+    distance = np.linalg.norm(strand.points_m, axis=1, keepdims=True)
+    return replace(strand, points_m=strand.points_m * (1 + by_m / distance))
 
 
 def _beside(first: Strand, start: Anchor | None, view: View) -> float:

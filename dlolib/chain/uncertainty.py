@@ -16,7 +16,6 @@ from dlolib.types import Floats, Noise, Rope
 ACROSS_FACTOR, ACROSS_SHARE = 0.9, 0.005
 # At its tips, and where it goes out of sight, a line has sections on one side only: share of the diameter.
 TIP_SHARE, TIP_REACH = 0.03, 1.0
-UNKNOWN_DIAMETER_M = 0.01
 # Along the line of sight: what the smoothing leaves of the readings' scatter, which is not quite white.
 DEPTH_FACTOR, DEPTH_M = 1.0, 3e-5
 # Along the rope: a floor, a share of what the length of what was seen was off, or of a way that nothing
@@ -26,7 +25,7 @@ ALONG_M, MISFIT_SHARE, WAY_SHARE = 3e-5, 0.45, 0.003
 CORRELATED_SHARE, CORRELATED_FRAMES = 1.25, 1.0
 
 
-def covariances(axis: Axis, s_m: Floats, points_m: Floats, rope: Rope) -> Floats:
+def covariances(axis: Axis, s_m: Floats, points_m: Floats, rope: Rope, skin_m: float = 0.0) -> Floats:
     """Covariance [m²] (K, 3, 3) of chain points (K, 3) at arc lengths (K,), in camera axes.
 
     Three parts that do not depend on each other: along the rope, along the line of sight, and across both.
@@ -35,6 +34,8 @@ def covariances(axis: Axis, s_m: Floats, points_m: Floats, rope: Rope) -> Floats
         axis: the dense line that the points were sampled from, with its deviations.
         s_m, points_m: the points.
         rope: its length, and its diameter where known.
+        skin_m: the radius that the rope seems to have where the diameter is not known: by so much the points
+            lie before the axis. It is the same in every frame, and so more than noise.
     """
     assert axis.sigma_m is not None
     along = np.stack([np.interp(s_m, axis.s_m, np.gradient(axis.points_m[:, k])) for k in range(3)], axis=-1)
@@ -45,14 +46,15 @@ def covariances(axis: Axis, s_m: Floats, points_m: Floats, rope: Rope) -> Floats
     across = np.cross(along, sight)
     known = np.isfinite(axis.sigma_m[:, 0])
     depth, outline = (np.interp(s_m, axis.s_m[known], axis.sigma_m[known, k]) for k in range(2))
-    diameter = rope.diameter_m or UNKNOWN_DIAMETER_M
+    diameter = rope.diameter_m or 2 * skin_m
     tip = TIP_SHARE * diameter * np.exp(-_to_tip(axis, s_m) / (TIP_REACH * diameter))
     way = axis.s_m[-1] - s_m if axis.from_end else s_m
     off = MISFIT_SHARE * abs(axis.spread_m) if axis.fitted else WAY_SHARE * way
     variances = (
-        # A line that runs beside the axis is longer or shorter than it by as much, for each radian it turns.
-        (along, ALONG_M**2 + off**2 + (ACROSS_FACTOR * outline) ** 2),
-        (sight, DEPTH_M**2 + (DEPTH_FACTOR * depth) ** 2 + (0.5 * tip) ** 2),
+        # A line that runs beside the axis is longer or shorter than it by as much, for each radian it turns:
+        # one on the skin, where the rope turns towards the camera or away.
+        (along, ALONG_M**2 + off**2 + (ACROSS_FACTOR * outline) ** 2 + (skin_m * along[:, 2]) ** 2),
+        (sight, DEPTH_M**2 + (DEPTH_FACTOR * depth) ** 2 + (0.5 * tip) ** 2 + skin_m**2),
         (across, (ACROSS_SHARE * diameter) ** 2 + (ACROSS_FACTOR * outline) ** 2 + tip**2),
     )
     return np.asarray(sum(np.einsum("k,ki,kj->kij", size, way, way) for way, size in variances))

@@ -87,6 +87,24 @@ def test_axis_where_the_diameter_is_known_and_skin_where_it_is_not() -> None:
     assert -8.2e-3 < np.mean(on_skin.xyz_m[:, 1]) < -6.8e-3
 
 
+def test_what_lies_on_the_skin_is_said_once_and_its_ellipsoids_reach_the_axis(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    axes = [wave(0.5), wave(0.8)]
+    write_capture(tmp_path / "skin", axes, Scene(diameter_m=0.012))
+    index = without_diameter(open_capture(tmp_path / "skin").index)
+    for axis, chain in zip(axes, extract_chain(ImageFolder(index)).frames, strict=True):
+        assert chain.covariance_m2 is not None
+        assert chain.skin_m == pytest.approx(0.006, abs=1e-3)
+        # the camera looks along +y
+        before = (chain.xyz_m - along(axis, chain.s_m))[:, 1]
+        assert (np.abs(before) < 1.5 * np.sqrt(chain.covariance_m2[:, 1, 1])).all()
+    said = re.findall(r"object.diameter_m is not given: .*, about (.*) mm before the axis", caplog.text)
+    assert "is logged" not in caplog.text
+    assert len(said) == 1 and float(said[0]) == pytest.approx(6.0, abs=1.0)
+    assert "is logged" not in caplog.text
+
+
 def test_a_gap_leaves_no_rows_and_keeps_the_arc_length() -> None:
     axis = wave(0.8)
     chain = chain_frame(*seen_by(axis, Scene(boxes=(PILLAR,))), ChainSettings())
