@@ -328,7 +328,7 @@ class _Once(yaml.SafeLoader):
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        content = yaml.load(path.read_text(encoding="utf-8"), Loader=_Once)
+        content = _Once(path.read_text(encoding="utf-8")).get_single_data()
     except FileNotFoundError:
         raise ParameterError("no such file", file=path, mend="run from the repository's root") from None
     except _Twice as error:

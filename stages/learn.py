@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from dataclasses import replace
 
 from dlolib.cli_values import rope_values
 from dlolib.formats import read_layout, read_verdict, say
 from dlolib.identify import particles_for
-from dlolib.learn import LearnSettings, ablate, learn, of_the_rope, write_learned
+from dlolib.learn import LearnSettings, ablate, learn, write_learned
 from dlolib.params import Learn, Rod, load_block
+from dlolib.sim.effects import of_the_rope
 from dlolib.sim.rod import Rod as SimulatedRod
-from dlolib.types import Fit, Layout
+from dlolib.types import Estimate, Fit, Layout
 from stages import DATA, REPORTS, WITHOUT, run, write_metrics
 
 
@@ -19,10 +21,10 @@ def main(name: str) -> None:
     block = load_block(Learn)
     layout = read_layout(DATA / "layouts" / name)
     verdict = read_verdict(REPORTS / "diagnose" / block.verdict_of)
-    fit, left_out = of_the_rope(verdict.fit)
-    if left_out:
-        say([f"{', '.join(left_out)}: of the recording {block.verdict_of}, not of its rope, and left out"])
-    rod, chosen = rod_of(layout, fit), settings(layout.rope.length_m)
+    rod, stay = rod_of(layout, verdict.fit.parameters)
+    if stay:
+        say([f"{', '.join(stay)}: of the recording {block.verdict_of} and not of the rope, left out"])
+    chosen = settings(layout.rope.length_m)
     learned = learn(layout, rod, chosen)
     ablation = None
     if block.ablation.layout == name:
@@ -30,8 +32,7 @@ def main(name: str) -> None:
         ablation = ablate(layout, rod, shorter, block.ablation.seeds)
     write_metrics(f"learn_{name}", write_learned(learned, REPORTS / "learn" / name, ablation))
     # the same with the best elastic rod, for the report to compare
-    bare, _ = of_the_rope(Fit(verdict.baseline.parameters, 0.0, 0, 0))
-    elastic = learn(layout, rod_of(layout, bare), chosen)
+    elastic = learn(layout, rod_of(layout, verdict.baseline.parameters)[0], chosen)
     write_learned(elastic, REPORTS / "learn" / name / WITHOUT)
 
 
@@ -47,10 +48,11 @@ def settings(length_m: float) -> LearnSettings:
     )
 
 
-def rod_of(layout: Layout, fit: Fit) -> SimulatedRod:
-    """The layout's rope with the physics that a diagnosis found."""
-    known = rope_values(layout.rope, layout.name, fit, {})
-    return SimulatedRod.of(known.rope, known.parameters)
+def rod_of(layout: Layout, parameters: Mapping[str, Estimate]) -> tuple[SimulatedRod, tuple[str, ...]]:
+    """The layout's rope with the physics that a diagnosis found; the effects that it does not take along."""
+    known = rope_values(layout.rope, layout.name, Fit(parameters, 0.0, 0, 0), {})
+    own, stay = of_the_rope(known.parameters)
+    return SimulatedRod.of(known.rope, own), stay
 
 
 if __name__ == "__main__":

@@ -20,6 +20,8 @@ HIDDEN_DOUBT, SEEN_DOUBT = 0.1, 0.003
 LARGEST_MISFIT, LARGEST_BRIDGE_MISFIT = 0.03, 0.33
 # A free tip may be out of sight: more than so many deviations of what was seen is no error of measurement.
 SURE = 3.0
+# By so much a rope may be longer than it is said to be; what is longer still is not that rope alone.
+LONGER = 0.1
 BACK_SAMPLES = 10
 ALONG = 0.5
 
@@ -30,9 +32,9 @@ class Axis:
 
     measured_m is the length as measured from start to end, hidden stretches included; fitted tells
     whether s_m was brought to the rope's known length; else it is counted from the start, or from_end, back
-    from the known length there. spread_m: how much of what it was off the known length was spread over what
-    was seen. sigma_m (M, 2), the deviations of the depth and across the line of sight where they were asked
-    for, NaN where hidden.
+    from the known length there, and goes no further than that where no end is held. spread_m: how much of
+    what it was off the known length was spread over what was seen. sigma_m (M, 2), the deviations of the
+    depth and across the line of sight where they were asked for, NaN where hidden.
     """
 
     s_m: Floats
@@ -47,8 +49,8 @@ class Axis:
 
     def counts(self, ends_held: int, length_m: float) -> bool:
         """Whether this can be the rope: from held end to held end it is all there; elsewhere a tip may be out
-        of sight, but there is not more of it than the known length."""
-        return self.fitted or (ends_held < 2 and self.measured_m <= (1 + LARGEST_MISFIT) * length_m)
+        of sight, but there is hardly more of it than the known length."""
+        return self.fitted or (ends_held < 2 and self.measured_m <= (1 + LONGER) * length_m)
 
 
 def assemble(
@@ -90,6 +92,9 @@ def assemble(
     from_end = start is None and end is not None and not fitted
     if from_end:
         s += length_m - s[-1]
+    elif held == 0 and not fitted:
+        # both tips are seen and the length is not what it was taken for: the points go from tip to tip
+        s *= min(1.0, length_m / max(s[-1], 1e-12))
     sigma = np.concatenate([piece.sigma_m for piece in pieces])
     known = sigma if np.isfinite(sigma).any() else None
     return Axis(s, points, seen, pixel, measured, fitted, spread, known, from_end)

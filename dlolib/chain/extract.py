@@ -120,7 +120,7 @@ def _doubts(chains: Sequence[FrameChain], index: CaptureIndex) -> Iterator[str]:
         yield f"{index.name}: of a rope of {known:.3f} m only {_named(short)}; counted from what was seen"
     longer = [chain for chain in off if chain.measured_m >= known]
     if longer:
-        yield f"{index.name}: of a rope of {known:.3f} m {_named(longer)}; counted from the end that is held"
+        yield f"{index.name}: of a rope of {known:.3f} m {_named(longer)}; check object.length_m"
 
 
 def _astray(chains: Sequence[FrameChain]) -> Iterator[str]:

@@ -32,9 +32,9 @@ def greedy_chain(axis: Axis, spacing_m: float, points: int) -> tuple[Floats, Flo
     # The end is the last corner, not one more step: y_n of line 14. So is the start, where arc length counts
     # from the end and the line begins between two steps.
     begin, end = max(0.0, float(axis.s_m[0])), min(spacing_m * (points - 1), float(axis.s_m[-1]))
-    s = np.arange(1, points - 1) * spacing_m
-    s = s[(s >= begin + CROWDED * spacing_m) & (s <= end - CROWDED * spacing_m)]
-    s = np.concatenate([[begin], s, [end]])
+    inner = np.arange(1.0, points - 1.0) * spacing_m
+    inner = inner[(inner >= begin + CROWDED * spacing_m) & (inner <= end - CROWDED * spacing_m)]
+    s = np.array([begin, *inner.tolist(), end])
     s = s[_seen_at(axis, s)]
     place = [np.interp(s, axis.s_m, axis.points_m[:, k]) for k in range(3)]
     known = np.isfinite(axis.pixel[:, 0])

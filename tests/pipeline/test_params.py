@@ -20,6 +20,7 @@ from dlolib.params import EFFECTS, FITTED, Chain, Identify, Params, load, load_b
 from dlolib.sim.effects import EFFECTS as LIBRARY
 from dlolib.sim.upright import ROLL
 from stages.diagnose import settings as diagnose_settings
+from stages.learn import settings as learn_settings
 from tests.pipeline.conftest import ROOT
 
 TEXT = (ROOT / "params.yaml").read_text()
@@ -128,3 +129,9 @@ def test_the_proof_diagnoses_with_the_settings_of_the_pipeline(monkeypatch: pyte
     """A shard's recordings are diagnosed where no params.yaml is."""
     monkeypatch.chdir(ROOT)
     assert diagnose_settings() == DiagnoseSettings()
+
+
+def test_a_long_rope_is_learned_with_more_particles(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    assert learn_settings(0.445).particles == 30
+    assert learn_settings(1.78).particles > 100
