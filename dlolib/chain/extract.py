@@ -21,6 +21,9 @@ from dlolib.types import CaptureIndex, Floats, Motion, Points, Recording
 PASSES = 3
 # A warning names no more frames than this.
 MOST_NAMED = 8
+# A rope of which so much is seen between two held ends has another length than was said where all frames
+# agree in it to so much and it is so far off: shares of its length.
+WHOLE, SAME, OTHER = 0.95, 0.003, 0.01
 POSES = "check camera.world_from_camera and motion.csv"
 
 
@@ -72,22 +75,22 @@ def extract_chain(source: Source, settings: ChainSettings | None = None) -> Chai
         FormatError: a frame cannot be read.
     """
     settings = settings or ChainSettings()
-    late_s = 0.0
+    late_s = more_s = 0.0
     for _ in range(PASSES):
+        late_s += more_s
         index = _later(source.index, late_s)
         chains = _chains(source, index, settings)
         more_s = clocks_apart(chains, index)
         if more_s == 0.0:
             break
-        late_s += more_s
     say(_doubts(chains, source.index))
     counted = [chain for chain in chains if chain.counts]
     return ChainResult(_recording(source.index, counted, settings), tuple(chains), settings, late_s)
 
 
 def _doubts(chains: Sequence[FrameChain], index: CaptureIndex) -> Iterator[str]:
-    """What is to be said of a rope without diameter, of held ends away from it, and of frames in which it has
-    not its length.
+    """What is to be said of a rope without diameter, of held ends away from it, of a length that no frame
+    bears out, and of frames in which it has not its length.
 
     Raises:
         ChainError: no frame counts.
@@ -109,6 +112,10 @@ def _doubts(chains: Sequence[FrameChain], index: CaptureIndex) -> Iterator[str]:
         yield f"{index.name}: object.diameter_m is not given: {lie}"
     for where in astray:
         yield f"{index.name}: {where}; {POSES}"
+    if not astray and _has_another_length(chains, index):
+        measured_m = float(np.median([chain.measured_m for chain in chains]))
+        says = f"every frame measures {measured_m:.3f} m, object.length_m says {known:.3f} m"
+        yield f"{index.name}: {says}; correct it, or the camera's optics"
     if lost:
         free = "free" in (index.ends.start, index.ends.end)
         why = ", so something else is taken for a part of it" if free else ""
@@ -121,6 +128,15 @@ def _doubts(chains: Sequence[FrameChain], index: CaptureIndex) -> Iterator[str]:
     longer = [chain for chain in off if chain.measured_m >= known]
     if longer:
         yield f"{index.name}: of a rope of {known:.3f} m {_named(longer)}; check object.length_m"
+
+
+def _has_another_length(chains: Sequence[FrameChain], index: CaptureIndex) -> bool:
+    """Whether all frames see the whole rope between its held ends, and agree in another length than is known."""
+    known, lengths = index.rope.length_m, np.array([chain.measured_m for chain in chains])
+    both = index.ends.start == index.ends.end == "clamped"
+    whole = all(chain.seen_share >= WHOLE for chain in chains)
+    same = float(np.abs(lengths - np.median(lengths)).max()) <= SAME * known
+    return both and whole and same and abs(float(np.median(lengths)) - known) > OTHER * known
 
 
 def _astray(chains: Sequence[FrameChain]) -> Iterator[str]:

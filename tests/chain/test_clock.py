@@ -64,6 +64,25 @@ def test_arc_lengths_do_not_follow_the_motion(tmp_path: Path, offset_s: float) -
         assert np.abs(ahead).max() < 3e-4
 
 
+def test_an_offset_is_none_that_no_chain_was_made_with(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where the last pass still finds more of it, the chains are those of the pass before."""
+    used: list[float] = []
+    index = write_capture(tmp_path / "capture", [shape(0.0)], Scene())
+    assert index.motion is not None
+    logged_s = index.motion.t_s[0]
+
+    def ever_more(_: list[FrameChain], later: CaptureIndex) -> float:
+        assert later.motion is not None
+        used.append(float(later.motion.t_s[0] - logged_s))
+        return 0.01
+
+    monkeypatch.setattr("dlolib.chain.extract.clocks_apart", ever_more)
+    result = extract_chain(open_capture(tmp_path / "capture"))
+    assert used == pytest.approx([0.0, 0.01, 0.02]) and result.clocks_apart_s == used[-1]
+
+
 @pytest.mark.parametrize("end", ["start", "end"])
 def test_the_offset_comes_out_of_the_length(end: str) -> None:
     rng = np.random.default_rng(0)
