@@ -131,7 +131,7 @@ def _doubts(chains: Sequence[FrameChain], index: CaptureIndex) -> Iterator[str]:
 
 
 def _has_another_length(chains: Sequence[FrameChain], index: CaptureIndex) -> bool:
-    """Whether all frames see the whole rope between its held ends, and agree in another length than is known."""
+    """Whether all frames see the whole rope between its held ends, and agree in another length than known."""
     known, lengths = index.rope.length_m, np.array([chain.measured_m for chain in chains])
     both = index.ends.start == index.ends.end == "clamped"
     whole = all(chain.seen_share >= WHOLE for chain in chains)
