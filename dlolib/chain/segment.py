@@ -22,6 +22,8 @@ SHADE, PLATEAU = 0.25, 0.75
 THICK = 2.3
 # Share of the rope's outline, length times diameter, that a mask may have and be a rope of this size.
 LEAST_AREA, MOST_AREA = 0.15, 1.6
+# A mask of less of the rope may be slivers of something else.
+MOST_OF_ROPE = 0.5
 MOST_OF_IMAGE = 0.25
 # What is dark is so in hundreds of thousands of pixels: every so many tell its median as well.
 DARK_EVERY = 4
@@ -78,24 +80,25 @@ def segment(frame: Frame, index: CaptureIndex, settings: ChainSettings) -> Segme
 
 
 def _either(frame: Frame, index: CaptureIndex, settings: ChainSettings) -> Segmentation:
-    """By brightness, and where what that finds cannot be the rope, by the local difference."""
+    """By brightness, and where what that finds cannot be most of the rope, by the local difference if that
+    finds more."""
     found, refusal = None, None
     try:
         found = _threshold(frame, index, settings)
     except ChainError as error:
         refusal = error
-    if found is not None and _is_rope_sized(found.mask, frame, index):
+    if found is not None and _share_of_rope(found.mask, frame, index) > MOST_OF_ROPE:
         return found
     try:
         local = _local(frame, index)
     except ChainError:
         local = None
-    if local is not None and _is_rope_sized(local.mask, frame, index):
-        return local
-    if found is None:
+    both = [one for one in (found, local) if one is not None]
+    sized = [(_share_of_rope(one.mask, frame, index), one) for one in both]
+    if found is None and not any(share for share, _ in sized):
         assert refusal is not None
         raise refusal
-    return found
+    return max(sized, key=lambda one: one[0])[1]
 
 
 def _offered(frame: Frame, index: CaptureIndex) -> str:
@@ -150,9 +153,10 @@ def _bright(grey: Image, frame: Frame, index: CaptureIndex, settings: ChainSetti
             mend="remove the frame, or set chain.threshold or rope_color_hsv",
         )
     # Light from one side leaves the other side of the rope dark: what is connected may be much darker.
-    # How bright the rope is, a pillar before it does not tell.
+    # How bright the rope is, a pillar before it does not tell; nor do slivers that are left of a table.
     dark, narrow = _dark(grey, sure), _without_blocks(sure, frame, index)
-    lowest = dark + SHADE * (float(np.median(grey[narrow if narrow.any() else sure])) - dark)
+    lit = narrow if _share_of_rope(narrow, frame, index) else sure
+    lowest = dark + SHADE * (float(np.median(grey[lit])) - dark)
     rope = np.asarray(grey >= lowest, dtype=np.bool_)
     window = _window(rope)
     count, labels = cv2.connectedComponents(rope[window].astype(np.uint8), connectivity=8)
@@ -218,14 +222,14 @@ def _without_blocks(mask: Mask, frame: Frame, index: CaptureIndex) -> Mask:
     return np.asarray(mask & (cv2.dilate(blocks, grown) == 0), dtype=np.bool_)
 
 
-def _is_rope_sized(mask: Mask, frame: Frame, index: CaptureIndex) -> bool:
-    """Whether the mask's area, at its own distance, can be that of the rope's outline."""
+def _share_of_rope(mask: Mask, frame: Frame, index: CaptureIndex) -> float:
+    """The mask's area, at its own distance, over the rope's outline's; 0 where it cannot be the rope."""
     focal, diameter = index.camera.fx, index.rope.diameter_m
     if diameter is None or focal is None or frame.depth_m is None:
-        return bool(0 < mask.mean() < MOST_OF_IMAGE)
+        return float(0 < mask.mean() < MOST_OF_IMAGE)
     depth = frame.depth_m[mask]
     area = float(((depth / focal) ** 2).sum()) / (index.rope.length_m * diameter)
-    return LEAST_AREA < area < MOST_AREA
+    return area if LEAST_AREA < area < MOST_AREA else 0.0
 
 
 def _lacking(frame: Frame, problem: str, mend: str) -> ChainError:

@@ -62,6 +62,17 @@ def test_a_pillar_brighter_than_the_dark_is_no_rope() -> None:
     assert np.sqrt(np.mean(away**2)) < 1.5e-3 and len(chain.s_m) > 22
 
 
+def test_a_part_that_brightness_finds_gives_way_to_the_whole_rope(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a table that counts as bright itself what brightness left of one frame was a sixth of the rope."""
+    frame, index = seen((110, 90, 65))
+    whole = segment(frame, index, ChainSettings(segmentation="local")).mask
+    part = whole.copy()
+    part[:, 250:] = False
+    assert 0.15 < part.sum() / whole.sum() < 0.5
+    monkeypatch.setattr("dlolib.chain.segment._bright", lambda *_: part)
+    assert (segment(frame, index, ChainSettings()).mask == whole).all()
+
+
 def test_a_wide_board_does_not_tell_how_bright_the_rope_is() -> None:
     """Else a clamp counted that is half as bright as the board and touches the rope."""
     frame, index = seen()
