@@ -4,20 +4,24 @@ from dlolib.sim.assembly import (
     ENDS,
     bands,
     clear_held,
+    flags1,
     flags2,
+    flags3,
     frames3,
     is_held,
     joint_lengths,
     row_of,
+    scalars1,
     scalars3,
     scalars4,
     vectors2,
     vectors3,
 )
 from dlolib.sim.band import HALF, solve, solve_transposed
-from dlolib.sim.derivatives import block2, block3, gathered, of_end, scalars5, spread
+from dlolib.sim.derivatives import block2, block3, gathered, lanes2, lanes3, lanes4, of_end, spread
+from dlolib.sim.explicit import explicit
 from dlolib.sim.joints import HISTORY, laws_act
-from dlolib.sim.runtime import APART, ti, vec2, vec3
+from dlolib.sim.runtime import APART, lanes, ti, vec2, vec3
 from dlolib.sim.scene import DRAG, INERTIA, SAMPLES
 from dlolib.sim.strain import bend_twist, darboux, moment_to_rotations, rotations_to_strain
 
@@ -26,6 +30,10 @@ from dlolib.sim.strain import bend_twist, darboux, moment_to_rotations, rotation
 def adjoint(
     x: vectors3,
     q: frames3,
+    first: vectors2,
+    past: scalars4,
+    slip: vectors3,
+    sliding: flags3,
     end_q: frames3,
     steps: scalars3,
     joints: scalars3,
@@ -42,10 +50,22 @@ def adjoint(
     y: scalars3,
     bends: scalars4,
     rubs: scalars3,
-    by_force: scalars3,
-    by_past: scalars4,
-    by_slip: vectors3,
-    by_held: scalars5,
+    case_end_q: frames3,
+    case_steps: scalars3,
+    case_joints: scalars3,
+    case_segments: scalars3,
+    case_particles: scalars3,
+    case_contacts: scalars3,
+    case_obstacles: scalars3,
+    case_grips: scalars3,
+    differs: flags3,
+    slots: flags1,
+    widths: scalars1,
+    by_held: lanes4,
+    by_force: lanes3,
+    by_past: lanes4,
+    by_slip: lanes4,
+    after: scalars4,
     d_x: vectors3,
     d_first: vectors2,
     turn: vectors2,
@@ -53,14 +73,14 @@ def adjoint(
     d_slip: vectors2,
     d_end_x: vectors3,
     d_end_q: vectors3,
-    d_parameter: scalars3,
+    d_parameter: lanes2,
 ):
     """Reverse pass of `roll_out`.
 
     On entry d_x (B, T + 1, n) holds the loss's derivative by every position, and turn (B, n + 1), d_past,
     d_slip those by the last state's frames and histories; on exit d_x's first index and the others those by
-    the initial state (d_first: by the positions before it). d_end_x, d_end_q and d_parameter (B, C, 1) are
-    added to.
+    the initial state (d_first: by the positions before it). d_end_x, d_end_q and d_parameter (B, G) are
+    added to. The cases are those of `explicit`; by_force, by_past, by_slip and after are room.
     """
     for lane in range(x.shape[0] * APART):
         if lane % APART != 0:
@@ -124,8 +144,9 @@ def adjoint(
                         d_end_q[b, t - 1, k - 1] += found
                     else:
                         d_end_x[b, t - 1, k - 3] += found
-                    for c in range(d_parameter.shape[1]):
-                        d_parameter[b, c, 0] += found.dot(of_end(k, by_held, b, t, c))
+                    for g in range(d_parameter.shape[1]):
+                        for j in ti.static(range(3)):
+                            d_parameter[b, g] += found[j] * of_end(k, by_held, b, t, g, j)
             for end in ti.static(range(2)):
                 if grips[b, end, 0] > 0.0:
                     i = n * end
@@ -135,17 +156,26 @@ def adjoint(
                     _ga, _gb, _aa, _ab, ba, _bb = bend_twist(w, v, c0, c1, c2, k * phi, stiff)
                     own = vec3(y[b, 0, 6 * i + 3], y[b, 0, 6 * i + 4], y[b, 0, 6 * i + 5])
                     d_end_q[b, t - 1, end] -= ba.transpose() @ own
-            for c in range(d_parameter.shape[1]):
-                total = 0.0
+            for g in range(d_parameter.shape[1]):
                 for r in range(rows):
-                    total += y[b, 0, r] * by_force[m, c, r]
+                    by_force[b, g, r] = lanes(0.0)
+            explicit(
+                b, t, x, q, first, past, slip, sliding, case_end_q, case_steps, case_joints, case_segments,
+                case_particles, case_contacts, case_obstacles, case_grips, moving, momentum, fresh, differs,
+                slots, widths, by_force, by_past, by_slip, after,
+            )  # fmt: skip
+            for g in range(d_parameter.shape[1]):
+                total = lanes(0.0)
+                for r in range(rows):
+                    total += y[b, 0, r] * by_force[b, g, r]
                 for i in range(n):
                     if laws_act(joints, b, i):
                         for k in range(HISTORY):
-                            total += d_past[b, i, k] * by_past[m, c, i, k]
+                            total += d_past[b, i, k] * by_past[b, g, i, k]
                 for k in range(d_slip.shape[1]):
-                    total += d_slip[b, k].dot(by_slip[m, c, k])
-                d_parameter[b, c, 0] += total
+                    for j in ti.static(range(3)):
+                        total += d_slip[b, k][j] * by_slip[b, g, k, j]
+                d_parameter[b, g] += total
             if moving == 1:
                 rate = 1.0 / steps[b, t, 0]
                 ratio = steps[b, t, 0] / steps[b, t - 1, 0]

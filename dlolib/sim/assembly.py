@@ -79,14 +79,20 @@ def joint_lengths(joints: ti.template(), steps: ti.template(), b: int, t: int, i
 
 
 @ti.func
+def bent_from(joints: ti.template(), b: int, i: int, before: vec3, fresh: int) -> vec3:
+    """From which curvature joint i comes [1/m]: that before, or of a `fresh` rope what it once was."""
+    came = before
+    if fresh == 1:
+        came = vec3(joints[b, i, PRIOR], joints[b, i, PRIOR + 1], 0.0)
+    return came
+
+
+@ti.func
 def bent_before(
-    joints: ti.template(), q: ti.template(), case: int, b: int, t: int, i: int, length: float, fresh: int
+    joints: ti.template(), q: ti.template(), b: int, t: int, i: int, length: float, fresh: int
 ) -> vec3:
-    """Curvature of joint i at the step before [1/m]; a `fresh` rope comes from what it once was."""
-    before = vec3(joints[case, i, PRIOR], joints[case, i, PRIOR + 1], 0.0)
-    if fresh == 0:
-        before = curvature(q, b, t - 1, i, length)
-    return before
+    """The same of joint i in the step to index t; length: that of the joint at the step before [m]."""
+    return bent_from(joints, b, i, curvature(q, b, t - 1, i, length), fresh)
 
 
 @ti.func
@@ -144,19 +150,15 @@ def pulled(limits: ti.template(), b: int, k: int, lagged: int) -> vec3:
 
 @ti.func
 def assemble(
-    case: int, b: int, t: int, m: int, x: ti.template(), q: ti.template(), first: ti.template(),
+    b: int, t: int, m: int, x: ti.template(), q: ti.template(), first: ti.template(),
     past: ti.template(), slip: ti.template(), sliding: ti.template(), end_q: ti.template(),
     steps: ti.template(), joints: ti.template(), segments: ti.template(), particles: ti.template(),
     contacts: ti.template(), obstacles: ti.template(), grips: ti.template(), clamped: ti.template(),
     moving: int, momentum: float, fresh: int, symmetric: int, forced: int, lagged: int,
     limits: ti.template(), mixed: int, expected: ti.template(), upper: ti.template(),
-    lower: ti.template(), y: ti.template(), new_past: ti.template(), new_slip: ti.template(),
-    hessian: ti.template(), plain: ti.template(),
+    lower: ti.template(), y: ti.template(), plain: ti.template(),
 ) -> float:  # fmt: skip
     """Write the Hessian of the step to index t of rope b into slot m, minus its gradient into y[m, 0].
-
-    The states are those of row b, the scene and how it is held those of row `case`: the same row in a
-    roll-out, another where another scene is tried on the same states.
 
     The step solves gradient = 0 for the state at index t. Where all forces have potentials the gradient is
     that of the energy returned: elastic, contact and load energies, the work of the laws, and with `moving`
@@ -164,12 +166,11 @@ def assemble(
     before index 0. With `forced` laws and contacts take the branches noted at index t. With `lagged` contacts
     slide at the `limits` and along the surfaces noted, wherever they are. With `mixed` the Hessian is that
     under the segments' `expected` forces. With `fresh` the laws see the rope come from being straight or as
-    it once was, at once. Two choices of compile time: without `hessian` upper and lower are left, and the
-    histories after the step go into new_past[m, 0] and new_slip[m, 0] instead; a `plain` rope has neither
-    laws nor obstacles, and is symmetric.
+    it once was, at once. A `plain` rope, a choice of compile time, has neither laws nor obstacles, and is
+    symmetric.
     """
     n = particles.shape[1]
-    dt = steps[case, t, 0] * (1 - fresh)
+    dt = steps[b, t, 0] * (1 - fresh)
     energy = 0.0
     none = 0.0 * identity()
     gx_next, gt_next = vec3(0.0), vec3(0.0)
@@ -180,17 +181,17 @@ def assemble(
         gx_next, gt_next = vec3(0.0), vec3(0.0)
         xx_next, tt_next = none, none
         if i < n:
-            now_l, before_l = joint_lengths(joints, steps, case, t, i)
+            now_l, before_l = joint_lengths(joints, steps, b, t, i)
             phi, w, v, c, c1, c2 = darboux(q[b, t, i], q[b, t, i + 1])
             kappa = phi / now_l
-            e, moment, tangent = elastic(joints, case, i, kappa)
+            e, moment, tangent = elastic(joints, b, i, kappa)
             if ti.static(not plain):
                 before = kappa
-                if laws_act(joints, case, i):
-                    before = bent_before(joints, q, case, b, t, i, before_l, fresh)
+                if laws_act(joints, b, i):
+                    before = bent_before(joints, q, b, t, i, before_l, fresh)
                 e, moment, tangent = respond(
-                    joints, past, case, b, t - 1, i, kappa, before, dt, forced, not hessian, new_past, m
-                )  # fmt: skip
+                    joints, past, b, b, t - 1, i, kappa, before, dt, forced, False, past, 0
+                )
             energy += now_l * e
             ga, gb, aa, ab, ba, bb = bend_twist(w, v, c, c1, c2, moment, tangent / now_l)
             gt += ga
@@ -200,8 +201,8 @@ def assemble(
             if i > 0:
                 s = i - 1
                 e, gd, gs, dd, dtheta, st = stretch_shear(
-                    x[b, t, s + 1] - x[b, t, s], q[b, t, i], segments[case, s, 0] * steps[case, t, 1],
-                    vec3(segments[case, s, 1], segments[case, s, 2], segments[case, s, 3]), mixed,
+                    x[b, t, s + 1] - x[b, t, s], q[b, t, i], segments[b, s, 0] * steps[b, t, 1],
+                    vec3(segments[b, s, 1], segments[b, s, 2], segments[b, s, 3]), mixed,
                     expected[b, s],
                 )  # fmt: skip
                 energy += e
@@ -214,16 +215,16 @@ def assemble(
                 t_x = dtheta.transpose()
                 gx_next = gd
                 xx_next = dd
-        if i == 1 and clamped[case, 0] + clamped[case, 1] == 0:
+        if i == 1 and clamped[b, 0] + clamped[b, 1] == 0:
             # no force, but a Hessian for the roll: alone it moves nothing, and rounding would decide
             share = ROLL if forced == 0 else ROLL_OF_DERIVATIVES
-            tt[2, 2] += share * joints[case, 1, STIFFNESS + 2] / joints[case, 1, LENGTH]
+            tt[2, 2] += share * joints[b, 1, STIFFNESS + 2] / joints[b, 1, LENGTH]
         for end in ti.static(range(2)):
-            if i == end * n and grips[case, end, 0] > 0.0:
+            if i == end * n and grips[b, end, 0] > 0.0:
                 e, g, h = grip(
-                    end_q[case, t - 1, end],
+                    end_q[b, t - 1, end],
                     q[b, t, i],
-                    vec3(grips[case, end, 0], grips[case, end, 1], grips[case, end, 2]),
+                    vec3(grips[b, end, 0], grips[b, end, 1], grips[b, end, 2]),
                 )
                 energy += e
                 gt += g
@@ -234,50 +235,44 @@ def assemble(
                 # a rope whose segment is out of reach has nothing to look for, but where limits are noted
                 reach = SAMPLES if p + 1 < n else 1
                 if obstacles.shape[1] == 0 or (
-                    lagged == 0 and out_of_reach(case, b, t, p, x, steps, segments, contacts, obstacles)
+                    lagged == 0 and out_of_reach(b, b, t, p, x, steps, segments, contacts, obstacles)
                 ):
-                    if ti.static(not hessian) and slip.shape[2] > 1:
-                        for j in range(reach):
-                            new_slip[m, 0, SAMPLES * p + j] = vec3(0.0)
                     reach = 0
                 for j in range(reach):
                     k = SAMPLES * p + j
                     there = j / float(SAMPLES)
                     here = 1.0 - there
                     point = sample(x, b, t, p, j)
-                    e, g, h = push(point, contacts[case, k, 1], contacts[case, k, 0], obstacles, case)
+                    e, g, h = push(point, contacts[b, k, 1], contacts[b, k, 0], obstacles, b)
                     if slip.shape[2] > 1 and fresh == 0:
                         ef, hold, stretch, by_p, _by_past, _k = friction(
-                            point, sample(x, b, t - 1, p, j), slip[b, t - 1, k], contacts[case, k, 1],
-                            contacts[case, k, 0], obstacles, case, kept(sliding, b, t, k, forced),
+                            point, sample(x, b, t - 1, p, j), slip[b, t - 1, k], contacts[b, k, 1],
+                            contacts[b, k, 0], obstacles, b, kept(sliding, b, t, k, forced),
                             frozen(limits, b, k, lagged), pulled(limits, b, k, lagged),
                         )  # fmt: skip
                         e += ef
                         g += hold * stretch
                         h += hold * by_p
-                        if ti.static(not hessian):
-                            new_slip[m, 0, k] = stretch
                     energy += e
                     gx += here * g
                     xx += here * here * h
                     gx_next += there * g
                     xx_next += there * there * h
                     rub += here * there * h
-            load = vec3(particles[case, p, LOAD], particles[case, p, LOAD + 1], particles[case, p, LOAD + 2])
+            load = vec3(particles[b, p, LOAD], particles[b, p, LOAD + 1], particles[b, p, LOAD + 2])
             energy -= load.dot(x[b, t, p])
             gx -= load
             if moving == 1:
-                rate = 1.0 / steps[case, t, 0]
-                inertia, drag = particles[case, p, INERTIA] * rate * rate, particles[case, p, DRAG] * rate
+                rate = 1.0 / steps[b, t, 0]
+                inertia, drag = particles[b, p, INERTIA] * rate * rate, particles[b, p, DRAG] * rate
                 moved = x[b, t, p] - x[b, t - 1, p]
-                flown = moved - momentum * carried(x, first, steps, case, b, t, p)
+                flown = moved - momentum * carried(x, first, steps, b, b, t, p)
                 energy += 0.5 * inertia * flown.dot(flown) + 0.5 * drag * moved.dot(moved)
                 gx += inertia * flown + drag * moved
                 xx += (inertia + drag) * identity()
-        if ti.static(hessian):
-            write_upper(upper, m, i, xx, xt, tt, x_x + rub, t_x, t_t)
-            if ti.static(not plain) and symmetric == 0:
-                write_lower(lower, m, i, xx, xt.transpose(), tt, x_x + rub, t_x.transpose(), t_t_low)
+        write_upper(upper, m, i, xx, xt, tt, x_x + rub, t_x, t_t)
+        if ti.static(not plain) and symmetric == 0:
+            write_lower(lower, m, i, xx, xt.transpose(), tt, x_x + rub, t_x.transpose(), t_t_low)
         for r in ti.static(range(3)):
             y[m, 0, 6 * i + r] = -gx[r]
             y[m, 0, 6 * i + 3 + r] = -gt[r]
@@ -318,7 +313,7 @@ def advance(
         now_l, before_l = joint_lengths(joints, steps, b, t, i)
         if laws_act(joints, b, i):
             kappa = curvature(q, b, t, i, now_l)
-            before = bent_before(joints, q, b, b, t, i, before_l, fresh)
+            before = bent_before(joints, q, b, t, i, before_l, fresh)
             remember(joints, past, b, t, i, kappa, before, dt)
         for j in range(SAMPLES):
             if slip.shape[2] > 1 and (j == 0 or i + 1 < n):

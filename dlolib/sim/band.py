@@ -7,7 +7,7 @@ the last, so that no loop asks where the matrix ends. Three rows, those of a pos
 more than the nine columns from the first of them on.
 """
 
-from dlolib.sim.runtime import ti
+from dlolib.sim.runtime import LANES, lanes, ti
 
 HALF = 8
 vec8 = ti.types.vector(HALF, ti.f64)
@@ -15,6 +15,8 @@ row_type = ti.types.vector(HALF + 1, ti.f64)
 # Rows 0 ... 8 of a triangle, each shorter by one, in one vector: where each begins.
 PLACE = tuple(i * (HALF + 1) - i * (i - 1) // 2 for i in range(HALF + 1))
 triangle = ti.types.vector(PLACE[-1] + 1, ti.f64)
+# Eight unknowns of `LANES` columns.
+window_type = ti.types.matrix(HALF, LANES, ti.f64)
 
 
 @ti.func
@@ -145,6 +147,47 @@ def solve(
             behind[k] = behind[k - 1]
         behind[0] = value * row[0]
         y[b, c, r] = behind[0]
+
+
+@ti.func
+def solve_lanes(
+    upper: ti.template(), lower: ti.template(), m: int, y: ti.template(), b: int, g: int, rows: int,
+    symmetric: int,
+):  # fmt: skip
+    """The same of a group of columns, y[b, g], each entry of which is `lanes`."""
+    ahead = window_type(0.0)
+    for k in ti.static(range(HALF)):
+        for j in ti.static(range(LANES)):
+            ahead[k, j] = y[b, g, k][j]
+    for r in range(rows):
+        value = lanes(0.0)
+        for j in ti.static(range(LANES)):
+            value[j] = ahead[0, j]
+        y[b, g, r] = value
+        column, share, following = upper[m, r], value, y[b, g, r + HALF]
+        if symmetric == 1:
+            share = value * column[0]
+        else:
+            column = lower[m, r]
+        for k in ti.static(range(HALF - 1)):
+            for j in ti.static(range(LANES)):
+                ahead[k, j] = ahead[k + 1, j] - column[k + 1] * share[j]
+        for j in ti.static(range(LANES)):
+            ahead[HALF - 1, j] = following[j] - column[HALF] * share[j]
+    behind = window_type(0.0)
+    for back in range(rows):
+        r = rows - 1 - back
+        value, row = y[b, g, r], upper[m, r]
+        for k in ti.static(range(HALF, 0, -1)):
+            for j in ti.static(range(LANES)):
+                value[j] -= row[k] * behind[k - 1, j]
+        for k in ti.static(range(HALF - 1, 0, -1)):
+            for j in ti.static(range(LANES)):
+                behind[k, j] = behind[k - 1, j]
+        value *= row[0]
+        for j in ti.static(range(LANES)):
+            behind[0, j] = value[j]
+        y[b, g, r] = value
 
 
 @ti.func

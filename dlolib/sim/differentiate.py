@@ -11,7 +11,9 @@ from dlolib.sim import adjoint, linearise, sensitivity
 from dlolib.sim.assembly import ENDS
 from dlolib.sim.band import HALF
 from dlolib.sim.effects import LAWS
+from dlolib.sim.explicit import CONTACT, GRIP, JOINT, PARTICLE, SEGMENT
 from dlolib.sim.joints import HISTORY
+from dlolib.sim.runtime import LANES
 from dlolib.sim.scene import Scene
 from dlolib.sim.simulate import Clock, Path, Rollout, banded, columns, refuse, steps_of
 from dlolib.types import Floats
@@ -99,16 +101,19 @@ def gradient(
         d_x[:, -2] += final.before
         turn, past, slip = (np.array(part, order="C") for part in (final.turn, final.past, final.slip))
     end_x, end_q = np.zeros((ropes, indices - 1, 2, 3)), np.zeros((ropes, indices - 1, 2, 3))
-    parameter = np.zeros((ropes, len(variations), 1))
+    groups = groups_of(len(variations))
+    parameter = np.zeros((ropes, groups, LANES))
     scene = rollout.scene
     factors, memory = _linearised(rollout)
     adjoint.adjoint(
-        rollout.x, rollout.q, np.ascontiguousarray(rollout.path.q), steps_of(rollout.path, rollout.clock),
+        *_states(rollout), np.ascontiguousarray(rollout.path.q), steps_of(rollout.path, rollout.clock),
         scene.joints, scene.particles, scene.grips, scene.clamped, *rollout.clock.flags,
-        int(scene.symmetric), *factors, columns(ropes, 2, n), *memory, *_explicit(rollout, variations), d_x,
-        first, turn, past, slip, end_x, end_q, parameter,
+        int(scene.symmetric), *factors, columns(ropes, 2, n), *memory, *_cases(rollout, variations),
+        in_rows(ropes, groups, n), *_room(rollout, variations), d_x, first, turn, past, slip, end_x,
+        end_q, parameter,
     )  # fmt: skip
-    return Gradient(Cotangent(d_x[:, 0], first, turn, past, slip), end_x, end_q, parameter[..., 0])
+    by_parameter = of_lanes(parameter, len(variations))
+    return Gradient(Cotangent(d_x[:, 0], first, turn, past, slip), end_x, end_q, by_parameter)
 
 
 def sensitivities(
@@ -124,22 +129,70 @@ def sensitivities(
     """
     ropes, indices, n = rollout.x.shape[:3]
     count = len(variations)
+    groups = groups_of(count)
     slot = np.full(indices - 1, -1, np.int32)
     slot[np.asarray(steps) - 1] = np.arange(len(steps))
-    out = np.zeros((ropes, len(steps), count, n, 3))
+    out = np.zeros((ropes, len(steps), groups, 3 * n, LANES))
     begin = initial or zero_tangent(rollout.scene, count)
-    x, before, turn, past, slip = (
-        np.array(part, order="C") for part in (begin.x, begin.before, begin.turn, begin.past, begin.slip)
-    )
+    u, before = (in_rows(ropes, groups, n) for _ in range(2))
+    _positions(u)[:], _turns(u)[:], _positions(before)[:] = map(in_lanes, (begin.x, begin.turn, begin.before))
+    past, slip = in_lanes(begin.past), in_lanes(begin.slip)
     scene = rollout.scene
     factors, memory = _linearised(rollout)
     sensitivity.sensitivities(
-        rollout.x, rollout.q, steps_of(rollout.path, rollout.clock), scene.joints,
-        scene.particles, scene.grips, scene.clamped, *rollout.clock.flags, int(scene.symmetric), *factors,
-        columns(ropes, count, n), *memory, slot, *_explicit(rollout, variations), x, before, turn,
-        np.zeros((ropes, count, n + 1, 3)), past, slip, np.zeros((ropes, count, n, 2)), out,
+        *_states(rollout), steps_of(rollout.path, rollout.clock), scene.joints, scene.particles, scene.grips,
+        scene.clamped, *rollout.clock.flags, int(scene.symmetric), *factors, *memory, slot,
+        *_cases(rollout, variations), *_room(rollout, variations), u, before,
+        in_rows(ropes, groups, n), past, slip, np.zeros((ropes, groups, n, 2, LANES)), out,
     )  # fmt: skip
-    return out, Tangent(x, before, turn, past, slip)
+    moved = np.moveaxis(out.reshape(ropes, len(steps), groups, n, 3, LANES), -1, 3)
+    moved = moved.reshape(ropes, len(steps), groups * LANES, n, 3)[:, :, :count]
+    states = (_positions(u), _positions(before), _turns(u), past, slip)
+    return moved, Tangent(*(of_lanes(part, count) for part in states))
+
+
+def groups_of(count: int) -> int:
+    """Into how many groups of `LANES` so many columns go."""
+    return -(-count // LANES)
+
+
+def in_lanes(part: Floats) -> Floats:
+    """Columns (B, C, ...) in groups: (B, G, ..., LANES)."""
+    ropes, count = part.shape[:2]
+    groups = groups_of(count)
+    padded = np.zeros((ropes, groups * LANES, *part.shape[2:]))
+    padded[:, :count] = part
+    grouped = padded.reshape(ropes, groups, LANES, *part.shape[2:])
+    return np.ascontiguousarray(np.moveaxis(grouped, 2, -1))
+
+
+def of_lanes(part: Floats, count: int) -> Floats:
+    """So many columns (B, C, ...) of groups (B, G, ..., LANES)."""
+    columns_first = np.moveaxis(part, -1, 2)
+    ropes, groups = part.shape[:2]
+    return np.ascontiguousarray(columns_first.reshape(ropes, groups * LANES, *part.shape[2:-1])[:, :count])
+
+
+def in_rows(ropes: int, groups: int, n: int) -> Floats:
+    """Room for unknowns by parameters, in the rows of `band`."""
+    return np.zeros((ropes, groups, 6 * (n + 1) + HALF, LANES))
+
+
+def _positions(u: Floats) -> Floats:
+    """Those among rows (B, G, rows, LANES), as a view (B, G, n, 3, LANES)."""
+    blocks = u[:, :, :-HALF].reshape(*u.shape[:2], -1, 6, LANES)
+    return blocks[:, :, 1:, :3]
+
+
+def _turns(u: Floats) -> Floats:
+    """Those of the frames, (B, G, n + 1, 3, LANES)."""
+    return u[:, :, :-HALF].reshape(*u.shape[:2], -1, 6, LANES)[:, :, :, 3:]
+
+
+def _states(rollout: Rollout) -> tuple[np.ndarray, ...]:
+    """All states of a roll-out, as the kernels take them. A fresh rope's past is made anew for every case."""
+    past = rollout.past.copy() if rollout.clock.fresh else rollout.past
+    return rollout.x, rollout.q, rollout.before, past, rollout.slip, rollout.sliding
 
 
 def zero_tangent(scene: Scene, count: int) -> Tangent:
@@ -150,49 +203,62 @@ def zero_tangent(scene: Scene, count: int) -> Tangent:
     return Tangent(place, place.copy(), turn, past, np.zeros((ropes, count, scene.slips, 3)))
 
 
-def _explicit(rollout: Rollout, variations: Sequence[Variation]) -> tuple[Floats, Floats, Floats, Floats]:
-    """What each parameter does to every step at fixed states: to forces, histories, contacts, held poses."""
+def _cases(rollout: Rollout, variations: Sequence[Variation]) -> tuple[np.ndarray, ...]:
+    """The parameters' scenes as `explicit` takes them, and how they move what is held: (B, T, G, 12)."""
     ropes, indices, n = rollout.x.shape[:3]
-    states = ropes * (indices - 1)
-    count = len(variations)
+    differs = [_differing(one, rollout.clock) for one in variations]
     # what holds the ends otherwise alone changes no force on a rope that is where it is
-    slots = [c for c, one in enumerate(variations) if _pushes(one, rollout.clock)]
+    slots = [c for c, differ in enumerate(differs) if differ.any()]
     cases = [case for c in slots for case in (variations[c].ahead, variations[c].behind)]
-    laws, slips = any(case.scene.has_laws for case in cases), rollout.scene.slips
-    # room for what acts alone: untouched memory costs as much as a step
-    force, held = np.zeros((states, count, 6 * (n + 1))), np.zeros((ropes, indices - 1, count, 2, 6))
-    past = np.zeros((states, count, n, HISTORY) if laws or rollout.scene.has_laws else (1, 1, 1, 1))
-    slip = np.zeros((states, count, slips, 3))
-    if slots:
-        # a fresh rope's past is made anew for every case
-        before = rollout.past.copy() if rollout.clock.fresh else rollout.past
-        linearise.differences(
-            rollout.x, rollout.q, rollout.before, before, rollout.slip, rollout.sliding,
-            np.concatenate([case.path.q for case in cases]),
-            np.concatenate([steps_of(case.path, rollout.clock) for case in cases]),
-            *Scene.stack([case.scene for case in cases]).arrays(), *rollout.clock.flags,
-            int(rollout.scene.symmetric), np.array(slots, np.int32),
-            np.array([variations[c].width for c in slots]), np.zeros((1, 1, HALF + 1)),
-            columns(states, 1, n), np.zeros((states, 1, n, HISTORY) if laws else (1, 1, 1, 1)),
-            np.zeros((states, 1, slips, 3)), force, past, slip,
-        )  # fmt: skip
+    cases = cases or [Case(rollout.scene, rollout.path)]
+    held = np.zeros((ropes, indices - 1, groups_of(len(variations)), 2, 6, LANES))
     for c, variation in enumerate(variations):
         one, other = variation.ahead.path, variation.behind.path
         if one is not other:
-            held[:, :, c, :, :3] = (one.x - other.x) / variation.width
-            held[:, :, c, :, 3:] = _turn(other.q, one.q) / variation.width
-    return force, past, slip, np.nan_to_num(held)
+            own = held[:, :, c // LANES, :, :, c % LANES]
+            own[..., :3] = np.nan_to_num(one.x - other.x) / variation.width
+            own[..., 3:] = np.nan_to_num(_turn(other.q, one.q)) / variation.width
+    return (
+        np.concatenate([case.path.q for case in cases]),
+        np.concatenate([steps_of(case.path, rollout.clock) for case in cases]),
+        *Scene.stack([case.scene for case in cases]).arrays()[:-1],
+        np.array([differs[c] for c in slots], np.int32).reshape(len(slots), ropes, n + 1),
+        np.array(slots, np.int32),
+        np.array([variations[c].width for c in slots]),
+        held.reshape(*held.shape[:3], 12, LANES),
+    )
 
 
-def _pushes(variation: Variation, clock: Clock) -> bool:
-    """Whether the parameter changes any force on the rope at fixed states."""
+def _differing(variation: Variation, clock: Clock) -> np.ndarray:
+    """What differs between a parameter's two cases, by the bits of `explicit`: (B, n + 1)."""
     one, other = variation.ahead, variation.behind
-    pairs = [*zip(one.scene.arrays(), other.scene.arrays(), strict=True)]
+    ropes, n = one.scene.particles.shape[:2]
+    found = np.zeros((ropes, n + 1), np.int32)
+    a, b = one.scene, other.scene
+    found[:, :n] |= np.where((a.joints != b.joints).any(axis=2), JOINT, 0)
+    found[:, : n - 1] |= np.where((a.segments != b.segments).any(axis=2), SEGMENT, 0)
+    found[:, :n] |= np.where((a.particles != b.particles).any(axis=2), PARTICLE, 0)
+    if not np.array_equal(a.contacts, b.contacts) or not np.array_equal(a.obstacles, b.obstacles):
+        found[:, :n] |= CONTACT
+    grips = bool((a.grips != b.grips).any())
     if one.path is not other.path:
-        pairs.append((steps_of(one.path, clock), steps_of(other.path, clock)))
-        if one.scene.grips.any():
-            pairs.append((one.path.q, other.path.q))
-    return not all(np.array_equal(a, b) for a, b in pairs)
+        if not np.array_equal(steps_of(one.path, clock), steps_of(other.path, clock)):
+            found[:, :n] |= JOINT | PARTICLE
+            found[:, : n - 1] |= SEGMENT
+        grips = grips or (bool(a.grips.any()) and not np.array_equal(one.path.q, other.path.q))
+    if grips:
+        found[:, [0, n]] |= GRIP
+    return found
+
+
+def _room(rollout: Rollout, variations: Sequence[Variation]) -> tuple[Floats, Floats, Floats]:
+    """For what parameters do to the histories that follow a step."""
+    ropes, n = rollout.scene.particles.shape[:2]
+    groups, slips = groups_of(len(variations)), rollout.scene.slips
+    sides = [case.scene for one in variations for case in (one.ahead, one.behind)]
+    laws = any(scene.has_laws for scene in (rollout.scene, *sides))
+    by_past = np.zeros((ropes, groups, n if laws else 1, HISTORY, LANES))
+    return by_past, np.zeros((ropes, groups, slips, 3, LANES)), np.zeros((ropes, 2, n, HISTORY))
 
 
 def _turn(a: Floats, b: Floats) -> Floats:

@@ -202,9 +202,9 @@ def equilibrium(
     while not done and count < most:
         count += 1
         energy = assemble(
-            b, b, t, b, x, q, first, past, slip, sliding, end_q, steps, joints, segments, particles,
+            b, t, b, x, q, first, past, slip, sliding, end_q, steps, joints, segments, particles,
             contacts, obstacles, grips, clamped, moving, momentum, fresh, symmetric, 0, lagged,
-            limits, mixed, expected, upper, lower, y, past, slip, True, plain,
+            limits, mixed, expected, upper, lower, y, plain,
         )  # fmt: skip
         clear_held(y, b, 0, n, b, grips, clamped)
         # forces without a potential have no energy that falls; then the forces themselves may

@@ -79,7 +79,7 @@ def begin(joints: ti.template(), past: ti.template(), case: int, b: int, t: int,
 @ti.func
 def respond(
     joints: ti.template(), past: ti.template(), case: int, b: int, t: int, i: int, now: vec3, before: vec3,
-    dt: float, forced: int, keep: ti.template(), new_past: ti.template(), m: int,
+    dt: float, forced: int, keep: ti.template(), after: ti.template(), side: int,
 ):  # fmt: skip
     """Energy a length [N], moment [N m] and its derivative by the curvature, of joint i.
 
@@ -89,7 +89,7 @@ def respond(
         forced: 1 to take the branches that stand at index t + 1, 0 to take them as they come.
         now, before: curvatures and twist at this step and at the one before [1/m].
         dt: time between them [s].
-        keep: whether the histories after the step are written into new_past[m, 0, i].
+        keep: whether the histories after the step are written into after[b, side, i].
     """
     d = vec3(joints[case, i, STIFFNESS], joints[case, i, STIFFNESS + 1], joints[case, i, STIFFNESS + 2])
     rest = vec3(joints[case, i, REST], joints[case, i, REST + 1], joints[case, i, REST + 2])
@@ -98,7 +98,7 @@ def respond(
         p = vec2(joints[case, i, FIRST + 2 * k], joints[case, i, FIRST + 2 * k + 1])
         if p[0] != 0.0:
             h = vec2(past[b, t, i, 3 * k], past[b, t, i, 3 * k + 1])
-            m_law, after, work, m_now, _mb, _mp, _hn, _hb, _hp, _branch = LAWS[k].respond(
+            m_law, new, work, m_now, _mb, _mp, _hn, _hb, _hp, _branch = LAWS[k].respond(
                 vec2(now[0], now[1]), vec2(before[0], before[1]), h, vec2(rest[0], rest[1]), p,
                 vec2(d[0], d[1]), joints[case, i, UNIFORM], dt, branch_of(past, b, t, i, k, forced),
             )  # fmt: skip
@@ -106,7 +106,7 @@ def respond(
             for r in ti.static(range(2)):
                 moment[r] += m_law[r]
                 if ti.static(keep):
-                    new_past[m, 0, i, 3 * k + r] = after[r]
+                    after[b, side, i, 3 * k + r] = new[r]
                 for c in ti.static(range(2)):
                     tangent[r, c] += m_now[r, c]
     return energy, moment, tangent

@@ -1,6 +1,6 @@
-"""The steps of a roll-out once more, one by one: each factored at its converged state, or its forces alone.
+"""The steps of a roll-out once more, each factored at its converged state: `derivatives` says what for.
 
-Steps are independent of each other here, so that all of them are done at once. `derivatives` says what for.
+Steps are independent of each other here, so that all of them are done at once.
 """
 
 from dlolib.sim.assembly import (
@@ -17,7 +17,6 @@ from dlolib.sim.assembly import (
     joint_lengths,
     row_of,
     sample,
-    scalars1,
     scalars3,
     scalars4,
     vectors2,
@@ -27,7 +26,7 @@ from dlolib.sim.band import HALF, entry, factor
 from dlolib.sim.contact import friction
 from dlolib.sim.effects import LAWS
 from dlolib.sim.equilibrium import NOT_FINITE
-from dlolib.sim.joints import HISTORY, begin, curvature, law_acts, law_derivatives, laws_act
+from dlolib.sim.joints import curvature, law_derivatives, laws_act
 from dlolib.sim.runtime import NEAR, ti, vec3, vec4
 from dlolib.sim.scene import LAWS as FIRST
 from dlolib.sim.scene import SAMPLES
@@ -93,9 +92,9 @@ def linearise(
         count = x.shape[1] - 1
         b, t = m // count, m % count + 1
         assemble(
-            b, b, t, m, x, q, first, past, slip, sliding, end_q, steps, joints, segments, particles, contacts,
+            b, t, m, x, q, first, past, slip, sliding, end_q, steps, joints, segments, particles, contacts,
             obstacles, grips, clamped, moving, momentum, fresh, symmetric, 1, 0, y, 0, first,
-            upper, lower, y, past, slip, True, False,
+            upper, lower, y, False,
         )  # fmt: skip
         keep_held(upper, lower, m, n, symmetric, b, grips, clamped, columns)
         hold_ends(upper, lower, m, n, b, grips, clamped, symmetric)
@@ -106,7 +105,7 @@ def linearise(
             if laws_act(joints, b, i):
                 now_l, before_l = joint_lengths(joints, steps, b, t, i)
                 kappa = curvature(q, b, t, i, now_l)
-                before = bent_before(joints, q, b, b, t, i, before_l, fresh)
+                before = bent_before(joints, q, b, t, i, before_l, fresh)
                 for k in ti.static(range(len(LAWS))):
                     if joints[b, i, FIRST + 2 * k] != 0.0:
                         blocks = law_derivatives(k, joints, past, b, t - 1, i, kappa, before, dt)
@@ -131,85 +130,4 @@ def linearise(
                                 rubs[m, k, 10 + 3 * r + c] = by_past[r, c]
 
 
-@ti.kernel
-def differences(
-    x: vectors3,
-    q: frames3,
-    first: vectors2,
-    past: scalars4,
-    slip: vectors3,
-    sliding: flags3,
-    end_q: frames3,
-    steps: scalars3,
-    joints: scalars3,
-    segments: scalars3,
-    particles: scalars3,
-    contacts: scalars3,
-    obstacles: scalars3,
-    grips: scalars3,
-    clamped: flags2,
-    moving: ti.i32,
-    momentum: ti.f64,
-    fresh: ti.i32,
-    symmetric: ti.i32,
-    slots: flags1,
-    widths: scalars1,
-    unused: bands,
-    y: scalars3,
-    new_past: scalars4,
-    new_slip: vectors3,
-    by_force: scalars3,
-    by_past: scalars4,
-    by_slip: vectors3,
-):
-    """What parameters do to every step, row b T + t - 1, at fixed states: to minus its forces, and to the
-    histories that follow it.
-
-    Of the c-th parameter the scenes of rope b, a little to either side and `widths[c]` apart, are those of
-    rows (2 c) B + b and (2 c + 1) B + b; the results' column is `slots[c]`. y, new_past and new_slip
-    (S, 1, ...) are room for one side.
-    """
-    for lane in range(by_force.shape[0] * NEAR):
-        if lane % NEAR != 0:
-            continue
-        m = lane // NEAR
-        ropes, count, n = x.shape[0], x.shape[1] - 1, x.shape[2]
-        b, t = m // count, m % count + 1
-        for number in range(2 * widths.shape[0]):
-            behind = number % 2
-            c, width = slots[number // 2], widths[number // 2]
-            case = number * ropes + b
-            if fresh == 1:
-                # what was before the first shape depends on the parameters too
-                for i in range(n):
-                    begin(joints, past, case, b, t - 1, i, 1)
-            assemble(
-                case, b, t, m, x, q, first, past, slip, sliding, end_q, steps, joints, segments, particles,
-                contacts, obstacles, grips, clamped, moving, momentum, fresh, symmetric, 1, 0, y, 0, first,
-                unused, unused, y, new_past, new_slip, False, False,
-            )  # fmt: skip
-            for r in range(6 * (n + 1)):
-                by_force[m, c, r] = over(by_force[m, c, r], y[m, 0, r], width, behind)
-            for i in range(n if by_past.shape[2] > 1 else 0):
-                for k in range(HISTORY // 3):
-                    for r in ti.static(range(2)):
-                        value = 0.0
-                        if law_acts(joints, case, i, k):
-                            value = new_past[m, 0, i, 3 * k + r]
-                        by_past[m, c, i, 3 * k + r] = over(by_past[m, c, i, 3 * k + r], value, width, behind)
-            if slip.shape[2] > 1:
-                for k in range(slip.shape[2]):
-                    for r in ti.static(range(3)):
-                        by_slip[m, c, k][r] = over(by_slip[m, c, k][r], new_slip[m, 0, k][r], width, behind)
-
-
-@ti.func
-def over(ahead: float, value: float, width: float, behind: int) -> float:
-    """The value of the first side, then its difference to that of the other over what is between them."""
-    found = value
-    if behind == 1:
-        found = (ahead - value) / width
-    return found
-
-
-__all__ = ["differences", "linearise"]
+__all__ = ["linearise"]

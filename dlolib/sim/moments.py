@@ -27,10 +27,10 @@ def _moments(
             for i in range(joints.shape[1]):
                 length, length_before = joint_lengths(joints, steps, b, t, i)
                 now = curvature(q, b, t, i, length)
-                before = bent_before(joints, q, b, b, t, i, length_before, fresh)
+                before = bent_before(joints, q, b, t, i, length_before, fresh)
                 _e, m, _d = respond(
-                    joints, past, b, b, t - 1, i, now, before, steps[b, t, 0], 1, False, past, b
-                )  # fmt: skip
+                    joints, past, b, b, t - 1, i, now, before, steps[b, t, 0], 1, False, past, 0
+                )
                 bent[b, t - 1, i] = now
                 moment[b, t - 1, i] = m
 

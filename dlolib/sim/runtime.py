@@ -10,7 +10,7 @@ os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")  # before the import: i
 os.environ.setdefault("TI_ENABLE_PYBUF", "0")  # or it complains of a standard output that is not a file
 
 import taichi as ti
-from taichi.lang import kernel_impl
+from taichi.lang import impl, kernel_impl
 from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
 
 # Double precision, and no fast maths: an error of the compiler must not be taken for physics, and two
@@ -49,9 +49,23 @@ kernel_impl.getsourcefile = functools.cache(kernel_impl.getsourcefile)
 # And a tenth into asking of each function, by a look through all modules, whether it is in a class; none is.
 kernel_impl._inside_class = lambda level_of_class_stackframe: False
 
+
+def _tree_and_context(*args, ast_builder=None, make=kernel_impl._get_tree_and_ctx, **kwargs):
+    """Taichi's own, with the builder of what is compiled: it gives inlined functions the kernel's."""
+    if ast_builder is not None:
+        ast_builder = impl.get_runtime().compiling_callable.ast_builder()
+    return make(*args, ast_builder=ast_builder, **kwargs)
+
+
+# Else a function inlined into a real one, which is compiled once and called, must not have an `if`.
+kernel_impl._get_tree_and_ctx = _tree_and_context
+
 vec2 = ti.types.vector(2, ti.f64)
 vec3 = ti.types.vector(3, ti.f64)
 vec4 = ti.types.vector(4, ti.f64)
+# So many columns of derivatives are computed with together: LLVM makes vector instructions of it.
+LANES = 4
+lanes = ti.types.vector(LANES, ti.f64)
 mat2 = ti.types.matrix(2, 2, ti.f64)
 mat3 = ti.types.matrix(3, 3, ti.f64)
 
@@ -59,4 +73,4 @@ mat3 = ti.types.matrix(3, 3, ti.f64)
 # for each and does the first, a loop over steps fewer; else two ropes would share a core, the other at rest.
 APART, NEAR = 512, 32
 
-__all__ = ["APART", "NEAR", "mat2", "mat3", "ti", "vec2", "vec3", "vec4"]
+__all__ = ["APART", "LANES", "NEAR", "lanes", "mat2", "mat3", "ti", "vec2", "vec3", "vec4"]

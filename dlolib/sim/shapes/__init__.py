@@ -6,13 +6,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from dlolib.sim.rotations import identity
-from dlolib.sim.runtime import ti, vec3
+from dlolib.sim.runtime import mat3, ti, vec3
 from dlolib.sim.scene import THIN
 from dlolib.sim.shapes import box, capsule, cylinder, plane, sphere
 from dlolib.types import Floats, Obstacle
 
 ALL = (cylinder, sphere, plane, box, capsule)
 WIDTH = 16
+scalars3 = ti.types.ndarray(dtype=ti.f64, ndim=3)
 
 
 def pack(obstacles: Sequence[Obstacle]) -> Floats:
@@ -27,8 +28,8 @@ def pack(obstacles: Sequence[Obstacle]) -> Floats:
     return rows
 
 
-@ti.func
-def signed_distance(p: vec3, o: ti.template(), b: int, k: int):
+@ti.real_func
+def signed_distance(p: vec3, o: scalars3, b: ti.i32, k: ti.i32) -> tuple[ti.f64, vec3, mat3, ti.i32]:
     """Distance [m] from p to obstacle k of rope b, gradient, Hessian, 1 where an end section is nearest."""
     d, n, h, section = 1e30, vec3(0.0), 0.0 * identity(), 0
     kind = int(o[b, k, 0])
