@@ -206,6 +206,30 @@ def test_what_moves_the_camera_alone_is_differentiated_without_the_rope() -> Non
         assert np.abs(by[:, :, k] - expected).max() < 1e-5 * np.abs(expected).max()
 
 
+def test_a_derivative_does_not_depend_on_what_else_is_asked_for() -> None:
+    made = recording()
+    effects = {
+        "plastic_bending.yield_curvature": 3.0,
+        "internal_friction.saturation_curvature": 1.0,
+        "rest_curvature.wave_1_2": 0.5,
+        "mass_profile.mass": 0.004,
+    }
+    rod = Rod(ROPE, EI, GJ, effects)
+    names = [
+        "bending_stiffness",
+        "torsional_stiffness",
+        *effects,
+        "length_error.relative",
+        "end_angle.start_1",
+        "clock_offset.time",
+    ]
+    model = RecordingModel(made, 30, None)
+    together = model.predict(rod, names).by_parameter
+    for k, name in enumerate(names):
+        alone = model.predict(rod, [name]).by_parameter[:, :, 0]
+        np.testing.assert_allclose(together[:, :, k], alone, rtol=0, atol=1e-12 * np.abs(alone).max())
+
+
 def test_effects_are_simulated_from_the_shape_that_the_rope_has_without_them() -> None:
     made = recording()
     effects = {"rest_curvature.kappa_1": 3.0, "internal_friction.saturation_curvature": 2.0}
