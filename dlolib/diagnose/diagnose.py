@@ -15,7 +15,7 @@ from dlolib.diagnose.heldout import black_box, foretell
 from dlolib.diagnose.locate import Reversal, reversal, scan
 from dlolib.diagnose.noise import known_noise, noise_left
 from dlolib.diagnose.nuisances import before, between
-from dlolib.diagnose.search import Searched, baseline, other_forms, search, searched_again
+from dlolib.diagnose.search import Searched, baseline, other_forms, search, searched_again, simulated_once
 from dlolib.diagnose.study import Bools, DiagnoseSettings, Seen, Study, acting_only, seen_as
 from dlolib.diagnose.verdict import Found, simulated, verdict_of
 from dlolib.diagnose.whitening import Whitener, grid_of, lasting
@@ -110,7 +110,7 @@ def _study(
     """The recordings with their noise, and what tells of it."""
     told = [one or (FIRST_NOISE, "") for one in known]
     raw = _with_noise(raw_study(recordings, settings), told)
-    run.begin(raw, baseline)
+    run.begin(raw, simulated_once)
     study = acting_only(raw, FIRST_STIFFNESS_M4_S2)
     if not all(known):
         told = _told_by(study, baseline(study), known)

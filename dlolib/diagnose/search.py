@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlolib.diagnose.fitting import Fitted
+from dlolib.diagnose.fitting import Fitted, hypothesis
 from dlolib.diagnose.residuals import amiss, explains
-from dlolib.diagnose.study import DiagnoseSettings, Study, abrupt, library, stiffens
+from dlolib.diagnose.study import DiagnoseSettings, Point, Study, abrupt, library, stiffens
 from dlolib.diagnose.tasks import (
     Task,
     Terms,
     as_it_was,
     beginnings,
+    coordinates,
     fit_first,
     hints_of,
     promises,
@@ -30,10 +32,11 @@ from dlolib.errors import SimulationError
 from dlolib.identify.identify import FIRST_STIFFNESS_M4_S2
 from dlolib.identify.intervals import FEWEST_POSES, poses
 from dlolib.identify.parameters import Unknown
-from dlolib.sim.effects import EFFECTS
-from dlolib.sim.effects.base import forms
+from dlolib.sim.effects import EFFECTS, LAWS
+from dlolib.sim.effects.base import forms, sizes
 from dlolib.sim.rod import STIFFNESSES
 from dlolib.sim.upright import ROLLS
+from dlolib.types import Floats
 
 Effects = tuple[str, ...]
 Models = dict[Effects, Fitted]
@@ -130,21 +133,34 @@ def _ordered(study: Study, models: Iterable[Fitted]) -> tuple[Fitted, ...]:
     return tuple(sorted(models, key=lambda one: one.bic(study.frames)))
 
 
+def simulated_once(study: Study) -> None:
+    """Simulate the elastic rod and one with a law: a process makes its kernels then, which takes seconds."""
+    law = LAWS[0]
+    for terms in ({}, {law.NAME: sizes(law)}):
+        model = hypothesis(study, terms, _no_offsets(study))
+        with contextlib.suppress(SimulationError):
+            model.at(coordinates(model.unknowns, _stiffness(study, FIRST_STIFFNESS_M4_S2[-1])))
+
+
 def baseline(study: Study) -> Fitted:
     """The rod with nothing missing: EI and GJ, with the mesh's error at their own optimum."""
-    density = study.rod(0, dict.fromkeys(STIFFNESSES, 1.0)).linear_density
-    offsets = tuple(np.zeros_like(one.recording.points.xyz_m) for one in study.seen)
     rolls = [{Unknown(name): roll} for name in study.rolls for roll in ROLLS] or [{}]
-    starts = tuple(
-        {**{Unknown(n): ratio * density for n in STIFFNESSES}, **roll}
-        for ratio in FIRST_STIFFNESS_M4_S2
-        for roll in rolls
-    )
-    found = fit_first(study, Task({}, starts, offsets, len(starts)))
+    starts = tuple({**_stiffness(study, ratio), **roll} for ratio in FIRST_STIFFNESS_M4_S2 for roll in rolls)
+    found = fit_first(study, Task({}, starts, _no_offsets(study), len(starts)))
     if found is None:
         mend = "check the recording's units and ends"
         raise SimulationError("no stiffness could be simulated", mend=mend)
     return settled(study, found)
+
+
+def _stiffness(study: Study, ratio_m4_s2: float) -> Point:
+    """Both stiffnesses by their ratio to the rope's density [m^4/s^2]."""
+    density = study.rod(0, dict.fromkeys(STIFFNESSES, 1.0)).linear_density
+    return {Unknown(name): ratio_m4_s2 * density for name in STIFFNESSES}
+
+
+def _no_offsets(study: Study) -> tuple[Floats, ...]:
+    return tuple(np.zeros_like(one.recording.points.xyz_m) for one in study.seen)
 
 
 def _singles(study: Study, baseline: Fitted, settings: DiagnoseSettings, run: Workers) -> list[Fitted]:
@@ -339,4 +355,4 @@ def _near(study: Study, fits: Sequence[Fitted], baseline: Fitted, share: float =
     return [one for one in fits if one.bic(study.frames) < below]
 
 
-__all__ = ["Searched", "backed", "baseline", "other_forms", "search", "searched_again"]
+__all__ = ["Searched", "backed", "baseline", "other_forms", "search", "searched_again", "simulated_once"]
