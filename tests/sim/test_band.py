@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from dlolib.sim.assembly import bands, scalars3
-from dlolib.sim.band import HALF, entry, factor, solve, solve_transposed
-from dlolib.sim.runtime import ti
+from dlolib.sim.band import HALF, entry, factor, solve, solve_lanes, solve_transposed
+from dlolib.sim.derivatives import lanes3
+from dlolib.sim.runtime import LANES, ti
 
 ROWS = 60
 
@@ -22,6 +23,14 @@ def solve_in_place(
         else:
             solve(upper, lower, 0, y, 0, 0, rows, symmetric)
     return failed
+
+
+@ti.kernel
+def solve_together(upper: bands, lower: bands, y: lanes3, symmetric: ti.i32):
+    rows = y.shape[2] - HALF
+    factor(upper, lower, 0, rows, symmetric, 1)
+    for g in range(y.shape[1]):
+        solve_lanes(upper, lower, 0, y, 0, g, rows, symmetric)
 
 
 @ti.kernel
@@ -65,6 +74,16 @@ def test_an_indefinite_matrix_breaks_down_only_where_an_energy_is_asked_for() ->
     y = np.zeros((1, 1, ROWS + HALF))
     assert solve_in_place(upper.copy(), lower.copy(), y, 1, 1, 0) > 0
     assert solve_in_place(upper, lower, y, 1, 0, 0) == 0
+
+
+@pytest.mark.parametrize("symmetric", [True, False])
+def test_columns_are_solved_together_as_numpy_does(symmetric: bool) -> None:
+    a, upper, lower = banded(1, 20.0, symmetric)
+    y = np.zeros((1, 2, ROWS + HALF, LANES))
+    y[0, :, :ROWS] = right = np.random.default_rng(2).normal(size=(2, ROWS, LANES))
+    solve_together(upper, lower, y, int(symmetric))
+    for mine, own in zip(y[0, :, :ROWS], right, strict=True):
+        np.testing.assert_allclose(mine, np.linalg.solve(a, own), rtol=1e-12, atol=1e-14)
 
 
 @pytest.mark.parametrize("symmetric", [True, False])
