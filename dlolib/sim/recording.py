@@ -21,7 +21,7 @@ from dlolib.sim.rod import Rod, scene_of, setup
 from dlolib.sim.sides import Prediction, Sides, as_seen, sides_of, traced
 from dlolib.sim.simulate import Clock, Path, Rollout, State, roll_out
 from dlolib.sim.start import first_shape, released, settle
-from dlolib.sim.steps import check_speed, dynamic_times, quasi_static_times
+from dlolib.sim.steps import REMEMBERED, check_speed, dynamic_times, quasi_static_times
 from dlolib.types import Floats, Motion, Points, Pose, Recording
 
 # Frames that tell where a rope was when it was seen first, and how fast.
@@ -90,7 +90,7 @@ class RecordingModel:
 
     def _sampled(self, remembers: bool, moving: bool) -> Sampling:
         points, length = self.recording.points, self.recording.rope.length_m
-        times = self._dynamic_times if moving else quasi_static_times(self.recording, remembers)
+        times = self._dynamic_times if moving else self._quasi_static_times(remembers)
         return sampling_of(points.t_s, times, point_weights(points, length, self.particles))
 
     def _at_rest(self, made: Setup) -> Rollout:
@@ -140,6 +140,9 @@ class RecordingModel:
         times_s = dynamic_times(self.recording, step_s, self._begin_s(step_s))
         check_speed(self.recording, times_s, step_s)
         return times_s
+
+    def _quasi_static_times(self, remembers: bool) -> Floats:
+        return quasi_static_times(self.recording, REMEMBERED if remembers else 1.0)
 
     def _begin_s(self, step_s: float) -> float:
         """When the first step of the dynamic clock ends [s]."""

@@ -71,15 +71,15 @@ def check_speed(recording: Recording, times_s: Floats, step_s: float) -> None:
         )
 
 
-def quasi_static_times(recording: Recording, remembers: bool) -> Floats:
-    """At the frames, the motion's rows and as many times between [s] as the ends' way asks for; more of a
-    rope that remembers."""
+def quasi_static_times(recording: Recording, share: float = 1.0, rows_too: bool = False) -> Floats:
+    """At the frames and as many times between [s] as the ends' way asks for, in steps no longer than this
+    share of the largest; with `rows_too` at the motion's rows, too."""
     rows, frames = recording.motion.t_s, np.unique(recording.points.t_s)
     frames = np.unique(np.concatenate([rows[:1], frames]))
     fine = np.unique(np.concatenate([frames, rows[rows <= frames[-1]]]))
     gone = np.concatenate([[0.0], np.cumsum(_ways(interpolate_motion(recording.motion, fine)))])
-    marks = _marks(frames, np.interp(frames, fine, gone))
-    return _evenly(marks, fine, gone, REMEMBERED if remembers else 1.0)
+    marks = fine if rows_too else _marks(frames, np.interp(frames, fine, gone))
+    return _evenly(marks, fine, gone, share)
 
 
 def _marks(frames: Floats, gone: Floats) -> Floats:
