@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 
 import numpy as np
@@ -62,6 +63,7 @@ EFFECTS: dict[str, Effect | Law] = {law.NAME: law for law in LAWS} | {
 JOINT_WIDTH = FIRST_COLUMN + 2 * len(LAWS)
 
 
+@functools.cache
 def parameter(name: str) -> Parameter:
     """The parameter `<effect>.<parameter>`.
 
