@@ -27,7 +27,7 @@ from dlolib.sim.rod import Rod, scene_of, setup
 from dlolib.sim.sides import Prediction, Sides, as_seen, sides_of, traced
 from dlolib.sim.simulate import Path, Rollout, State
 from dlolib.sim.start import curve_through, frames_along, settle
-from dlolib.sim.steps import largest_step, quasi_static_times
+from dlolib.sim.steps import REMEMBERED, largest_step, quasi_static_times
 from dlolib.sim.upright import upright
 from dlolib.types import Floats, Ints, Motion, Pose, Recording
 
@@ -44,8 +44,8 @@ class _Followed(RecordingModel):
         return replace(super().setup(rod), moving=False)
 
     def _quasi_static_times(self, remembers: bool) -> Floats:
-        # nobody knows the way: shorter steps along the one that is taken for it tell no more
-        return quasi_static_times(self.recording, rows_too=True)
+        # a pose is stopped at though nothing was seen there
+        return quasi_static_times(self.recording, REMEMBERED if remembers else 1.0, rows_too=True)
 
 
 @dataclass(frozen=True)

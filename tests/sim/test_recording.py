@@ -8,7 +8,6 @@ from sim.ropes import EI, GJ, GRAVITY, LEVEL, ROPE, swing
 
 from dlolib.errors import ParameterError
 from dlolib.identify import IdentifySettings, identify
-from dlolib.sim import steps
 from dlolib.sim.continuum import simulated
 from dlolib.sim.effects import named
 from dlolib.sim.poses import PosesModel, model_of
@@ -136,13 +135,6 @@ def test_some_of_the_settled_poses_come_out_as_all_of_them() -> None:
     )
     whole = PosesModel(made, 20).predict(RUBS).xyz_m[some]
     assert np.abs(PosesModel(replace(made, points=points), 20).predict(RUBS).xyz_m - whole).max() < 1e-8
-
-
-def test_shorter_steps_between_settled_poses_tell_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
-    made = poses(np.array([90.0, 120, 150, 120, 90]), Ends("clamped", "free"))
-    found = PosesModel(made, 20).predict(RUBS).xyz_m
-    monkeypatch.setattr(steps, "LARGEST_TURN_RAD", steps.LARGEST_TURN_RAD / 10)
-    assert np.abs(PosesModel(made, 20).predict(RUBS).xyz_m - found).max() < 1e-6
 
 
 @pytest.mark.parametrize("effects", [RUBS.effects, {}], ids=["remembers", "does not"])
