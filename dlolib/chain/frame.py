@@ -13,7 +13,7 @@ from dlolib.chain.axis import Axis, assemble
 from dlolib.chain.cloud import view_of_cloud
 from dlolib.chain.greedy import greedy_chain
 from dlolib.chain.held import astray
-from dlolib.chain.join import joined
+from dlolib.chain.join import joined, may_be_joined
 from dlolib.chain.lift import Strand, centred, lift
 from dlolib.chain.order import Anchor, in_order
 from dlolib.chain.segment import coverage, segment, without_specks
@@ -128,7 +128,7 @@ def _strands(
 ) -> list[Strand]:
     """What was seen of the rope, in order. How a cut skeleton goes on, a first and rough look tells."""
     grids = centred(lines, width, view, radius_m, settings)
-    if len(grids) > 1:
+    if len(grids) > 1 and may_be_joined(grids, width, view, *ends):
         rough = in_order(lift(grids, width, view, radius_m, settings, fine=False), *ends, before_m)
         on = joined(rough, width, view, *ends) if rough else None
         if on is not None:

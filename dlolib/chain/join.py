@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
@@ -16,6 +18,23 @@ LEAST_ON_MASK = 0.9
 BACK_WIDTHS = 2.0
 # A tip that is so near to a held end has reached it.
 REACHED_WIDTHS = 1.0
+
+
+def may_be_joined(
+    lines: list[Floats], width: float, view: View, start: Anchor | None, end: Anchor | None
+) -> bool:
+    """Whether `joined` would change any of these lines [px] (K, 2), in whatever order and direction.
+
+    Where not, the look that puts them in order for it is spared.
+    """
+    ways = [way for line in lines for way in (line, line[::-1])]
+    tips = np.array([way[-1] for way in ways])
+    near = np.linalg.norm(tips[:, None] - tips, axis=-1) <= LARGEST_WIDTHS * width
+    pairs = [(one, other) for one, other in np.argwhere(near) if one // 2 != other // 2]
+    held = [anchor for anchor, _ in _arrivals(start, end)]
+    return any(_way(ways[one], ways[other][::-1], width, view) is not None for one, other in pairs) or any(
+        _stub(way, anchor, width, view) is not None for way in ways for anchor in held
+    )
 
 
 def joined(
@@ -43,16 +62,22 @@ def joined(
         else:
             whole[-1] = np.concatenate([whole[-1], way, line])
             changed = True
-    for anchor, last in ((start, False), (end, True)):
-        if anchor is None:
-            continue
+    for anchor, last in _arrivals(start, end):
         line = whole[-1] if last else whole[0][::-1]
-        stub = _stub(line, anchor if last else Anchor(anchor.place_m, -anchor.tangent), width, view)
+        stub = _stub(line, anchor, width, view)
         if stub is not None:
             line = np.concatenate([line, stub])
             whole[-1 if last else 0] = line if last else line[::-1]
             changed = True
     return whole if changed else None
+
+
+def _arrivals(start: Anchor | None, end: Anchor | None) -> Iterator[tuple[Anchor, bool]]:
+    """The held ends as one comes to them along the rope, and whether it is its end."""
+    if start is not None:
+        yield Anchor(start.place_m, -start.tangent), False
+    if end is not None:
+        yield end, True
 
 
 def _way(line: Floats, onward: Floats, width: float, view: View) -> Floats | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from chain.test_clouds import cloud_of
 from chain.tubes import FORWARD, Scene, along, index_of, photograph
 
 from dlolib.captures.base import Frame
-from dlolib.chain import ChainSettings, Tracker, chain_frame
+from dlolib.chain import ChainSettings, Tracker, chain_frame, frame
 from dlolib.types import Floats, Pose
 
 NOWHERE = Path("tube")
@@ -54,6 +55,22 @@ def test_a_loop_behind_a_pillar_keeps_its_order() -> None:
     chain = chain_frame(seen(axis, scene), index_of(NOWHERE, [axis], scene), ChainSettings())
     away = off(axis, chain.s_m, chain.xyz_m)
     assert np.sqrt(np.mean(away**2)) < 2.5e-3 and away.max() < 8e-3
+
+
+@pytest.mark.parametrize("boxes", [(), (((0.10, -0.08, -0.3), (0.03, 0.02, 0.6)),)])
+@pytest.mark.parametrize("crosses", [True, False])
+def test_a_first_look_is_spared_only_where_it_would_change_nothing(
+    crosses: bool, boxes: tuple[Any, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    axis = loop() if crosses else np.linspace([0.0, 0.0, 0.0], [0.445, 0.0, 0.0], 600)
+    scene = Scene(boxes=boxes)
+    shot, index = seen(axis, scene), index_of(NOWHERE, [axis], scene)
+    chain = chain_frame(shot, index, ChainSettings())
+    looks = []
+    monkeypatch.setattr(frame, "may_be_joined", lambda *_: looks.append(1) or True)
+    again = chain_frame(shot, index, ChainSettings())
+    assert bool(looks) == (crosses or bool(boxes))
+    np.testing.assert_array_equal(chain.xyz_m, again.xyz_m)
 
 
 def test_a_loop_of_unknown_diameter_in_a_cloud_is_one_chain() -> None:
