@@ -11,9 +11,9 @@ import numpy as np
 from dlolib.errors import SimulationError
 from dlolib.proof.draw import SIGMA_M, Case, draw_case
 from dlolib.proof.forms import FORMS, OVER_REST, nearest_parameters
-from dlolib.proof.gain import DETECTABLE, Gain, gain
+from dlolib.proof.gain import DETECTABLE, GAIN_BODIES, Gain, gain
 from dlolib.proof.motions import HELDOUT_FRAMES
-from dlolib.proof.play import way
+from dlolib.proof.play import play, way
 from dlolib.proof.world import Experiment
 from dlolib.proof.write import write_case
 from dlolib.types import Floats
@@ -29,22 +29,25 @@ def detect(case: Case) -> dict[str, Any]:
     the same with them. A twin that explains the pair nearly as well leaves no member detectable although
     something is there: `elastic_gain` tells.
     """
+    if not case.effects:
+        nothing: dict[str, Any] = {"detectable": [], "elastic_gain": 0.0}
+        return nothing | {"gains": {}, "everywhere": nothing}
     whole = case.experiment
-    found = _gains(case, replace(whole, frame_t_s=whole.frame_t_s[:-HELDOUT_FRAMES]))
+    truth = play(whole, case.effects, GAIN_BODIES)
+    fitted = replace(whole, frame_t_s=whole.frame_t_s[:-HELDOUT_FRAMES])
+    found = _gains(case, fitted, truth[:-HELDOUT_FRAMES])
     # what shows in part of the frames shows in all
-    everywhere = found if set(found["detectable"]) == set(case.effects) else _gains(case, whole)
+    everywhere = found if set(found["detectable"]) == set(case.effects) else _gains(case, whole, truth)
     return found | {"everywhere": {name: everywhere[name] for name in ("detectable", "elastic_gain")}}
 
 
-def _gains(case: Case, experiment: Experiment) -> dict[str, Any]:
-    if not case.effects:
-        return {"detectable": [], "gains": {}, "elastic_gain": 0.0}
+def _gains(case: Case, experiment: Experiment, truth: Floats) -> dict[str, Any]:
     seen = float(case.seen.mean())
-    elastic = gain(experiment, case.effects, {}, case.noise)
+    elastic = gain(experiment, truth, {}, case.noise)
     gains: dict[str, Gain] = {}
     for name in case.effects:
         others = {other: values for other, values in case.effects.items() if other != name}
-        gains[name] = gain(experiment, case.effects, others, case.noise) if others else elastic
+        gains[name] = gain(experiment, truth, others, case.noise) if others else elastic
     # Lost points take their share of the information.
     shares = {name: seen * found.value for name, found in gains.items()}
     return {

@@ -10,13 +10,13 @@ import numpy as np
 from dlolib.errors import SimulationError
 from dlolib.proof.noise import whiten
 from dlolib.proof.play import play
-from dlolib.proof.world import Effects, Experiment
+from dlolib.proof.world import POINTS, Effects, Experiment
 from dlolib.types import Floats, Noise
 
 DETECTABLE = 40.0
 ROUNDS, ENOUGH, TRIAL = 8, 0.01, 1e-3
 # Gains are differences between ropes of the same bodies: fewer do (the table of the proof's report).
-GAIN_BODIES = 58
+GAIN_BODIES, COARSEST = 58, POINTS - 1
 
 
 @dataclass(frozen=True)
@@ -28,55 +28,59 @@ class Gain:
 
 
 def gain(
-    experiment: Experiment, effects: Effects, without: Effects, noise: Noise, bodies: int = GAIN_BODIES
-) -> Gain:
-    """How much better the true effects explain a recording than the best rope with `without` alone.
-
-    Gauss-Newton on EI, GJ and every parameter of `without`, by finite differences of the laboratory's own
-    simulation, whitened with the true noise. Stops as soon as the answer is below any doubt.
-
-    Args:
-        experiment: what is known.
-        effects: all that is in it.
-        without: what the other rope may have, started from the truth; nothing for the elastic one.
-        noise: the true one.
-        bodies: of both chains.
-    """
-    return left_over(experiment, play(experiment, effects, bodies), without, noise, bodies)
-
-
-def left_over(
     experiment: Experiment,
     truth: Floats,
     without: Effects,
     noise: Noise,
-    bodies: int,
+    bodies: int = GAIN_BODIES,
     doubtless: float = 0.25 * DETECTABLE,
 ) -> Gain:
-    """What the best rope of this kind leaves of points (F, 30, 3) [m]; `doubtless`: so little is enough."""
+    """How much the best rope with `without` alone leaves of what the true effects show.
+
+    Gauss-Newton on EI, GJ and every parameter of `without`, by finite differences of the laboratory's own
+    simulation, whitened with the true noise. The differences are the coarsest chain's: they only say which
+    way to go.
+
+    Args:
+        experiment: what is known.
+        truth: the rope's points (F, 30, 3) [m], played with as many bodies.
+        without: what the other rope may have, started from the truth; nothing for the elastic one.
+        noise: the true one.
+        bodies: of the other rope's chain.
+        doubtless: the search stops where it leaves so little.
+    """
     start = _parameters(without)
 
-    def miss(change: Floats) -> Floats:
+    def shown(change: Floats, bodies: int) -> Floats:
         rope = replace(
             experiment,
             bending_stiffness=experiment.bending_stiffness * float(np.exp(change[0])),
             torsional_stiffness=experiment.torsional_stiffness * float(np.exp(change[1])),
         )
-        return whiten(play(rope, _changed(without, start, change[2:]), bodies) - truth, noise).ravel()
+        return play(rope, _changed(without, start, change[2:]), bodies)
 
-    found, change = _descend(miss, np.zeros(2 + len(start)), doubtless)
+    def miss(change: Floats) -> Floats:
+        return whiten(shown(change, bodies) - truth, noise).ravel()
+
+    def slopes(change: Floats) -> Floats:
+        here = shown(change, COARSEST)
+        aside = [shown(change + TRIAL * side, COARSEST) - here for side in np.eye(len(change))]
+        return np.stack([whiten(moved / TRIAL, noise).ravel() for moved in aside], axis=1)
+
+    found, change = _descend(miss, slopes, np.zeros(2 + len(start)), doubtless)
     return Gain(found, experiment.bending_stiffness * float(np.exp(change[0])))
 
 
-def _descend(miss: Callable[[Floats], Floats], change: Floats, doubtless: float) -> tuple[float, Floats]:
+def _descend(
+    miss: Callable[[Floats], Floats], slopes: Callable[[Floats], Floats], change: Floats, doubtless: float
+) -> tuple[float, Floats]:
     """Least sum of squares and where, by Gauss-Newton steps that are halved until they help."""
     error = miss(change)
     least = float(error @ error)
     for _ in range(ROUNDS):
         if least <= doubtless:
             break
-        slopes = np.stack([(miss(change + TRIAL * side) - error) / TRIAL for side in np.eye(len(change))], 1)
-        step = -np.linalg.lstsq(slopes, error, rcond=1e-6)[0]
+        step = -np.linalg.lstsq(slopes(change), error, rcond=1e-6)[0]
         step = step * min(1.0, 0.5 / max(np.abs(step).max(), 1e-12))
         better = _shorter(miss, change, np.asarray(step, dtype=float), least)
         if better is None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from dlolib.errors import SimulationError
 from dlolib.proof.draw import Case, draw_case
-from dlolib.proof.gain import left_over
+from dlolib.proof.gain import gain
 from dlolib.proof.play import play
 from dlolib.types import Noise
 
@@ -44,9 +44,7 @@ def refined(seed: int, index: int) -> dict[str, Any]:
     fine = play(experiment, effects, 2 * bodies)
     hard = play(replace(experiment, hardness=HARDER * experiment.hardness), effects, bodies)
     half = play(experiment, effects, bodies, finer=2)
-    left, harder = (
-        left_over(experiment, one, effects, WHITE, bodies, doubtless=ENOUGH) for one in (fine, hard)
-    )
+    left, harder = (gain(experiment, one, effects, WHITE, bodies, doubtless=ENOUGH) for one in (fine, hard))
     return {
         "effects": list(names),
         "obstacles": len(experiment.obstacles),

@@ -10,6 +10,7 @@ from dlolib.proof.chain import Sizes
 from dlolib.proof.gain import gain
 from dlolib.proof.motions import Arc, Plan, make_motion
 from dlolib.proof.place import find_place
+from dlolib.proof.play import play
 from dlolib.proof.sizes import NAMES, draw_effect
 from dlolib.proof.world import Experiment
 from dlolib.types import Noise, Obstacle
@@ -32,7 +33,8 @@ def test_the_gain_at_the_size_that_is_found(name: str) -> None:
     place, rng, found = find_place(experiment, PLAN.row_s), np.random.default_rng(1), []
     for _ in range(3):
         effects = draw_effect(rng, name, place, 1.5)
-        found.append(gain(experiment, effects, {}, Noise(0.0015, 0.0, 0.0), bodies=29).value / 1.5**2)
+        truth = play(experiment, effects, bodies=29)
+        found.append(gain(experiment, truth, {}, Noise(0.0015, 0.0, 0.0), bodies=29).value / 1.5**2)
     assert 8 < np.median(found) < 250
 
 
@@ -46,9 +48,8 @@ def test_a_bar_in_the_way_is_told_from_a_rough_one() -> None:
         bar = {"center_m": tuple(center), "axis": (0.0, 1.0, 0.0), "radius_m": (0.02,), "height_m": (1.0,)}
         touching = replace(free, obstacles=(Obstacle("cylinder", bar),))
         try:
-            rough = gain(
-                touching, {"contact_friction": {"coefficient": 0.3}}, {}, Noise(0.0015, 0, 0), bodies=29
-            )
+            truth = play(touching, {"contact_friction": {"coefficient": 0.3}}, bodies=29)
+            rough = gain(touching, truth, {}, Noise(0.0015, 0, 0), bodies=29)
         except SimulationError:  # thrown over the bar: drawn anew
             continue
         assert rough.value > 10
