@@ -192,7 +192,10 @@ def _all_named(row: Mapping[str, Any]) -> bool:
 def _said(row: Mapping[str, Any]) -> str:
     if row["status"] == "ambiguous":
         return "tie: " + " | ".join(sorted(" + ".join(sorted(one)) for one in row["tie"]))
-    return " + ".join(row["named"]) or str(row["status"])
+    named = " + ".join(row["named"])
+    if row["status"] == "unexplained" and named:
+        return f"unexplained, and {named}"
+    return named or str(row["status"])
 
 
 def _by_effect(found: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

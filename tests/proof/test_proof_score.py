@@ -108,6 +108,11 @@ def test_the_summary_counts() -> None:
     assert {"true": CLOCK, "said": "no_mismatch", "count": 1} in figures["confusion"]
 
 
+def test_what_stays_unexplained_is_not_told_as_named() -> None:
+    (row,) = summarise([score(verdict("unexplained", SPOT), answer(LUMP))])["confusion"]
+    assert row == {"true": LUMP, "said": f"unexplained, and {SPOT}", "count": 1}
+
+
 def test_wilsons_interval() -> None:
     half = share(5, 10)
     assert (half["low"], half["high"]) == pytest.approx((0.2366, 0.7634), abs=1e-4)
