@@ -64,7 +64,7 @@ class Sections:
     def of(grids: list[Floats], pixels: Floats, width: float) -> Sections:
         """Find the section of each pixel (N, 2) within a width of the lines, each (K, 2); -1 without one."""
         places = np.concatenate(grids)
-        distance, nearest = cKDTree(places).query(pixels, distance_upper_bound=width, workers=-1)
+        distance, nearest = cKDTree(places).query(pixels, distance_upper_bound=width)
         found = np.isfinite(distance)
         nearest = np.where(found, nearest, 0)
         tangent = np.concatenate([tangents(grid) for grid in grids])[nearest]
