@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlolib.chain.centre import Sections, centred_lines, tangents
+from dlolib.chain.hiding import by_free_edge, hidden_by, unhidden
 from dlolib.chain.settings import ChainSettings
 from dlolib.chain.shading import LARGEST_ERROR_PX, shaded_middles, stretched
 from dlolib.chain.sight import both_sides, bridged, contested, whole
@@ -97,10 +98,16 @@ def lift(
     by_light = max(BY_LIGHT * settings.smooth_m / view.pitch, width)
     errors = [np.full(len(grid), LARGEST_ERROR_PX) for grid in grids]
     sections = Sections.of(grids, view.pixels, width)
-    radii = _radii(grids, sections.take(view.read), width, view, radius_m)
+    depths = _depths(grids, sections.take(view.read), width, view)
+    radii = _radii(grids, depths, width, view, radius_m)
     if fine:
+        hidden = hidden_by(grids, depths, radii, view)
+        if hidden.any():
+            grids = by_free_edge(grids, radii, hidden, view, by_light)
+            radii = _stretched(radii, grids)
+            view = unhidden(view, hidden)
         grids, errors = shaded_middles(grids, radii, radius_m > 0, view, by_light)
-        radii = [stretched(radius, len(grid)) for radius, grid in zip(radii, grids, strict=True)]
+        radii = _stretched(radii, grids)
         sections = Sections.of(grids, view.pixels, width)
     readings = sections.take(view.read)
     strands = []
@@ -131,21 +138,34 @@ def _full_width(width: float, view: View, radius_m: float) -> float:
     return max(width, 2 * radius_m / view.pitch)
 
 
-def _radii(
-    grids: list[Floats], readings: Sections, width: float, view: View, radius_m: float
-) -> list[Floats]:
-    """How large the rope's radius looks at each sample of each line, (N,) [px]; from the mask if unknown."""
-    radius_m = radius_m or 0.5 * width * view.pitch
+def _depths(grids: list[Floats], readings: Sections, width: float, view: View) -> list[Floats]:
+    """A first depth [m] of the rope's skin at each sample of each line, (N,) each."""
     cloud = view.cloud_m
-    radii = []
+    depths = []
     for number, grid in enumerate(grids):
         mine = (readings.line == number) & (np.abs(readings.across) <= 0.5 * INTERIOR_SHARE * width)
         block = max(5 * width, 10.0)
         depth = np.full(len(grid), np.median(cloud[:, 2]))
         if mine.any():
             depth = _medians(readings.sample[mine], cloud[mine, 2], len(grid), block)
-        radii.append(half_widths(grid, depth + radius_m, view, radius_m))
-    return radii
+        depths.append(depth)
+    return depths
+
+
+def _radii(
+    grids: list[Floats], depths_m: list[Floats], width: float, view: View, radius_m: float
+) -> list[Floats]:
+    """How large the rope's radius looks at each sample of each line, (N,) [px]; from the mask if unknown."""
+    radius_m = radius_m or 0.5 * width * view.pitch
+    return [
+        half_widths(grid, depth_m + radius_m, view, radius_m)
+        for grid, depth_m in zip(grids, depths_m, strict=True)
+    ]
+
+
+def _stretched(radii_px: list[Floats], grids: list[Floats]) -> list[Floats]:
+    """The radii of lines that have been given other samples."""
+    return [stretched(radius, len(grid)) for radius, grid in zip(radii_px, grids, strict=True)]
 
 
 def half_widths(grid: Floats, depth_m: Floats, view: View, radius_m: float) -> Floats:

@@ -12,7 +12,7 @@ from dlolib.chain.view import View
 from dlolib.types import Floats
 
 APART_WIDTHS = 3.0
-SLIVER, SLIVER_SAMPLES = 0.65, 5
+SLIVER, SLIVER_SAMPLES = 0.55, 5
 # Up to three quarters of what is seen may be slivers.
 WHOLE_QUANTILE = 0.75
 

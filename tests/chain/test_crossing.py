@@ -94,6 +94,23 @@ def test_a_pillar_that_leaves_slivers_leaves_no_points_there() -> None:
     assert not ((chain.xyz_m[:, 2] > 0.02) & (chain.xyz_m[:, 2] < 0.18)).any()
 
 
+@pytest.mark.parametrize("light", [None, (0.3, -0.5, 0.8), (-0.8, -0.5, 0.3)], ids=["even", "above", "left"])
+@pytest.mark.parametrize("side", [-1, 1], ids=["left hidden", "right hidden"])
+def test_beside_a_pillar_that_hides_one_edge_the_middle_stays_the_rope_s(
+    side: int, light: tuple[float, float, float] | None
+) -> None:
+    axis = np.stack([np.full(400, 0.2), np.zeros(400), np.linspace(-0.2, 0.2, 400)], axis=-1)
+    # Of the upright rope's 8 mm it covers 2.3 over the upper half.
+    edge = 0.2 + side * 0.0016
+    scene = Scene(boxes=(((edge if side > 0 else edge - 0.05, -0.05, 0.0), (0.05, 0.02, 0.3)),), light=light)
+    index = index_of(NOWHERE, [axis], scene, clamped=False)
+    chain = chain_frame(seen(axis, scene), index, ChainSettings())
+    upper = (chain.xyz_m[:, 2] > 0.03) & (chain.xyz_m[:, 2] < 0.17)
+    assert upper.sum() >= 9
+    # half a pixel; the middle of what shows is a whole one aside
+    assert np.sqrt(np.mean((chain.xyz_m[upper, 0] - 0.2) ** 2)) < 0.75e-3
+
+
 def test_the_tracker_gives_the_chain_of_each_frame() -> None:
     axes = [loop(depth=0.25), loop(depth=0.27)]
     scene = Scene()
