@@ -21,8 +21,8 @@ def check_out(
         never: a file that only another command's result has.
 
     Raises:
-        FormatError: it is or holds the working folder or an input, is no folder, holds what is no result
-            of the command, or cannot be written.
+        FormatError: it is or holds the working folder or an input, is no folder, is a mount, which cannot be
+            replaced, holds what is no result of the command, or cannot be written.
     """
     out, elsewhere = Path(out), "write to a folder of its own"
     whole = out.resolve()
@@ -36,6 +36,8 @@ def check_out(
         raise FormatError("is a link", file=out, mend="give the folder itself")
     if out.exists() and not out.is_dir():
         raise FormatError("is a file", file=out, mend="give a folder")
+    if out.is_mount():
+        raise FormatError("is a mount, and a result is replaced whole", file=out, mend="give a folder in it")
     marks = [known_by] if isinstance(known_by, str) else known_by
     if out.is_dir() and any(out.iterdir()):
         missing = next((name for name in marks if not (out / name).is_file()), None)
@@ -48,8 +50,11 @@ def check_out(
     above = next(folder for folder in whole.parents if folder.exists())
     if not above.is_dir():
         raise FormatError("is a file", file=above, mend="give a folder")
-    try:
-        with tempfile.TemporaryDirectory(dir=above):
-            pass
-    except OSError as error:
-        raise FormatError("cannot be written to", file=above, mend="give another, or the right to") from error
+    for folder in (above, whole):
+        try:
+            if folder.exists():
+                with tempfile.TemporaryDirectory(dir=folder):
+                    pass
+        except OSError as error:
+            mend = "give another, or the right to"
+            raise FormatError("cannot be written to", file=folder, mend=mend) from error

@@ -25,6 +25,10 @@ MOST_NAMED = 8
 # agree in it to so much and it is so far off: shares of its length.
 WHOLE, SAME, OTHER = 0.95, 0.003, 0.01
 POSES = "check camera.world_from_camera and motion.csv"
+# A rope that leaves its clamp as logged does so within this, bent as it may be; one that is as wide as was
+# said looks so within these factors, where it is so many pixels wide.
+ANOTHER_WAY_RAD = 1.0
+LEAST_WIDE, MOST_WIDE, WIDE_ENOUGH_PX = 0.6, 1.5, 4.0
 
 
 @dataclass(frozen=True)
@@ -104,7 +108,7 @@ def _doubts(chains: Sequence[FrameChain], index: CaptureIndex) -> Iterator[str]:
         raise ChainError(
             f"{index.name}: the rope is {known:.3f} m long, and in every frame {_lengths(lost)}",
             place="object.length_m",
-            mend="correct it, or what is taken for the rope (chain.segmentation)",
+            mend="correct it, object.diameter_m, or what is taken for the rope (chain.segmentation)",
         )
     skin_m = float(np.median([chain.skin_m for chain in chains]))
     if skin_m > 0:
@@ -112,6 +116,8 @@ def _doubts(chains: Sequence[FrameChain], index: CaptureIndex) -> Iterator[str]:
         yield f"{index.name}: object.diameter_m is not given: {lie}"
     for where in astray:
         yield f"{index.name}: {where}; {POSES}"
+    yield from _turned(chains, index)
+    yield from _has_another_width(chains, index)
     if not astray and _has_another_length(chains, index):
         measured_m = float(np.median([chain.measured_m for chain in chains]))
         says = f"every frame measures {measured_m:.3f} m, object.length_m says {known:.3f} m"
@@ -146,6 +152,29 @@ def _astray(chains: Sequence[FrameChain]) -> Iterator[str]:
     for number, end in enumerate(("start", "end")):
         if most[number]:
             yield f"the held {end} is logged {1e3 * off_m[number]:.0f} mm from where the rope is seen"
+
+
+def _turned(chains: Sequence[FrameChain], index: CaptureIndex) -> Iterator[str]:
+    """The held ends that the rope leaves in another direction than is logged, in most frames that show it."""
+    for number, end in enumerate(("start", "end")):
+        seen = np.array([chain.turned_rad[number] for chain in chains])
+        seen = seen[np.isfinite(seen)]
+        if len(seen) and float(np.median(seen)) > ANOTHER_WAY_RAD:
+            off = f"by {np.rad2deg(np.median(seen)):.0f} degrees in another direction than {end}_q says"
+            mend = "correct motion.csv: a pose's third axis is the rope's tangent, from start to end"
+            yield f"{index.name}: at its held {end} the rope is seen to run {off}; {mend}"
+
+
+def _has_another_width(chains: Sequence[FrameChain], index: CaptureIndex) -> Iterator[str]:
+    """A diameter that the pictures do not bear out: the axis is put half of it behind the skin."""
+    known = index.rope.diameter_m
+    wide = [chain.width_m for chain in chains if chain.width_px >= WIDE_ENOUGH_PX]
+    if known is None or len(wide) <= len(chains) / 2:
+        return
+    looks = float(np.median(wide))
+    if not LEAST_WIDE * known < looks < MOST_WIDE * known:
+        says = f"the rope looks {1e3 * looks:.1f} mm wide, object.diameter_m says {1e3 * known:.1f}"
+        yield f"{index.name}: {says}; correct it, or what is taken for the rope (chain.segmentation)"
 
 
 def _lengths(chains: Sequence[FrameChain]) -> str:

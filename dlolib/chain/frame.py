@@ -12,7 +12,7 @@ from dlolib.captures.base import Frame
 from dlolib.chain.axis import Axis, assemble
 from dlolib.chain.cloud import view_of_cloud
 from dlolib.chain.greedy import greedy_chain
-from dlolib.chain.held import astray
+from dlolib.chain.held import astray, turned
 from dlolib.chain.join import joined, may_be_joined
 from dlolib.chain.lift import Strand, centred, lift
 from dlolib.chain.order import Anchor, in_order
@@ -39,7 +39,9 @@ class FrameChain:
     covariance_m2 (K, 3, 3) of the points, but of a cloud's. counts: False where both ends are held and the
     length between them is not the rope's, or it is longer: something else was taken for it, or a part of it
     left out. astray_m: how far from the rope the start and the end were logged, 0 where it agrees or cannot
-    be told. skin_m: about how far before the axis the points lie, 0 where the rope's radius is known.
+    be told. turned_rad: by how much the rope leaves them in another direction than is logged, NaN where that
+    is not seen. width_m: how wide the rope looks, and how many pixels that is. skin_m: about how far before
+    the axis the points lie, 0 where the rope's radius is known.
     """
 
     frame: int
@@ -58,6 +60,9 @@ class FrameChain:
     counts: bool = True
     astray_m: tuple[float, float] = (0.0, 0.0)
     skin_m: float = 0.0
+    turned_rad: tuple[float, float] = (np.nan, np.nan)
+    width_m: float = np.nan
+    width_px: float = 0.0
 
 
 def chain_frame(
@@ -114,6 +119,9 @@ def chain_frame(
         axis.counts(held, index.rope.length_m),
         astray(strands, start, end, view, skin_m),
         skin_m,
+        turned(strands, start, end, skin_m),
+        width * view.pitch,
+        width,
     )
 
 

@@ -1,4 +1,4 @@
-"""Whether the rope is seen where its held ends are logged: a wrong pose of the camera shows there."""
+"""Whether the rope is seen where and as its held ends are logged: a wrong pose of the camera shows there."""
 
 from __future__ import annotations
 
@@ -20,6 +20,8 @@ NEAR_M, ASTRAY_M = 0.05, 0.006
 TOGETHER = 0.3
 # So much further than the rope a reading is of what is behind it; over this share of a gap nothing hides it.
 BEHIND_M, OPEN_SHARE, SAMPLES = 0.01, 0.8, 21
+# The direction in which a rope leaves its clamp shows over so much of it, seen from so close to the clamp on.
+LEAVES_M, CLOSE_M = 0.02, 0.02
 
 
 def astray(
@@ -45,6 +47,26 @@ def astray(
             return float(first), float(last)
     turned = None if end is None else Anchor(end.place_m, -end.tangent)
     return _beside(opening, start, view), _beside(closing.turned(), turned, view)
+
+
+def turned(
+    strands: list[Strand], start: Anchor | None, end: Anchor | None, skin_m: float
+) -> tuple[float, float]:
+    """By how much [rad] the rope is seen to leave the start and to reach the end in another direction than is
+    logged; NaN where an end is free, or the rope not seen close to it. Arguments as for `astray`."""
+    opening, closing = _deeper(strands[0], skin_m), _deeper(strands[-1], skin_m).turned()
+    backwards = None if end is None else Anchor(end.place_m, -end.tangent)
+    return _leaves(opening.points_m, start), _leaves(closing.points_m, backwards)
+
+
+def _leaves(points_m: Floats, start: Anchor | None) -> float:
+    """The angle [rad] between a held start's tangent and the rope (N, 3) that is seen from there on."""
+    if start is None or np.linalg.norm(points_m[0] - start.place_m) > CLOSE_M:
+        return float("nan")
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points_m, axis=0), axis=1))])
+    chord = points_m[min(int(np.searchsorted(way, LEAVES_M)), len(way) - 1)] - points_m[0]
+    cosine = float(chord @ start.tangent) / max(float(np.linalg.norm(chord)), 1e-12)
+    return float(np.arccos(np.clip(cosine, -1.0, 1.0)))
 
 
 def _deeper(strand: Strand, by_m: float) -> Strand:

@@ -30,6 +30,7 @@ class _LimitsModel(_Border):
     speed_m_s: Positive = Limits.speed_m_s
     angular_speed_rad_s: Positive = Limits.angular_speed_rad_s
     acceleration_m_s2: Positive = Limits.acceleration_m_s2
+    angular_acceleration_rad_s2: Positive = Limits.angular_acceleration_rad_s2
     approach_speed_m_s: Annotated[float, Field(gt=0, le=0.25)] = Limits.approach_speed_m_s
     step_m: Positive = Limits.step_m
     step_rad: Positive = Limits.step_rad

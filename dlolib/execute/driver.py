@@ -13,6 +13,7 @@ import json
 import signal
 import sys
 import threading
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,7 @@ import numpy as np
 from dlolib.errors import MotionRefused
 from dlolib.execute.limits import Limits
 from dlolib.execute.robots import ROBOTS, Robot
-from dlolib.execute.stream import check_robot, drive
+from dlolib.execute.stream import STOPPING, check_robot, drive
 
 
 class Report:
@@ -40,7 +41,7 @@ def main() -> None:
     """Read the job, connect, check, move; what happens goes to the report."""
     report = Report(int(sys.argv[1]))
     interrupted = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in STOPPING:
         signal.signal(number, lambda *_: interrupted.set())
     job = json.loads(sys.stdin.readline())
     try:
@@ -72,7 +73,7 @@ def run(robot: Robot, job: dict[str, Any], path: Any, interrupted: threading.Eve
     check_robot(robot, rows, limits)
     if interrupted.is_set():
         raise MotionRefused("interrupted before the first motion", mend="run it again")
-    raw.parent.mkdir(parents=True, exist_ok=True)
+    _check_recorder(raw)
     robot.record(raw)
     report.say("moving")
     try:
@@ -81,7 +82,21 @@ def run(robot: Robot, job: dict[str, Any], path: Any, interrupted: threading.Eve
         )
     finally:
         robot.stop_recording()
-    report.say("ended", completed=outcome.completed, reason=outcome.reason)
+    # where nobody listens any more the motion was ended for that
+    with suppress(BrokenPipeError):
+        report.say("ended", completed=outcome.completed, reason=outcome.reason)
+
+
+def _check_recorder(raw: Path) -> None:
+    """Refuse a file that cannot be recorded into: the robot's own recorder would not say so."""
+    try:
+        raw.parent.mkdir(parents=True, exist_ok=True)
+        raw.touch()
+    except OSError as error:
+        problem = f"{raw} cannot be written: {error.strerror}"
+        raise MotionRefused(problem, mend="remove it, or give another folder") from error
+    if not raw.is_file():
+        raise MotionRefused(f"{raw} is no file", mend="remove it, or give another folder")
 
 
 def _watch_handle(interrupted: threading.Event) -> None:

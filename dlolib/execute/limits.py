@@ -26,8 +26,9 @@ class Limits:
     """What a path may ask of the robot, in its base frame; the defaults suit a UR5e beside people.
 
     workspace_m: two opposite corners of the box that the tool stays in. reach_m: the tool's largest
-    distance from the base's origin (UR5e's data sheet: 850 mm). acceleration_m_s2: over the servo's
-    look-ahead, from rest to rest; it also approaches and stops with it. step_m, step_rad: between two
+    distance from the base's origin (UR5e's data sheet: 850 mm). acceleration_m_s2 and
+    angular_acceleration_rad_s2: all changes of velocity within the servo's look-ahead, over its length,
+    from rest to rest; it also approaches and stops with the first. step_m, step_rad: between two
     rows of the trajectory. joints_rad: lowest and highest angle of each joint, asked of the robot's own
     inverse kinematics, or None.
     """
@@ -37,6 +38,7 @@ class Limits:
     speed_m_s: float = 0.25
     angular_speed_rad_s: float = 1.0
     acceleration_m_s2: float = 2.5
+    angular_acceleration_rad_s2: float = 10.0
     approach_speed_m_s: float = 0.05
     step_m: float = 0.02
     step_rad: float = 0.2

@@ -31,7 +31,7 @@ def execute_on_robot(trajectory: Motion | Path, host: str, config: RobotConfig, 
 
     The whole path is checked first: workspace, reach, speed, sampling, acceleration, then what the robot
     itself says. It is approached slowly in a straight line and streamed at the controller's rate. A lost
-    connection, a protective stop and Ctrl-C end the motion; the log up to there is kept.
+    connection, a protective stop, Ctrl-C and a closed terminal end the motion; the log up to there is kept.
 
     Args:
         trajectory: poses of the moved end in the world, or the trajectory.csv that holds them.
@@ -51,7 +51,7 @@ def execute_on_robot(trajectory: Motion | Path, host: str, config: RobotConfig, 
     path = path_in_base(motion, config)
     check_path(path, config.limits, file)
     raw = out / RAW
-    outcome = move(config, host, path, raw)
+    outcome = move(config, host, path, raw, lambda: _without_earlier(out))
     write_log(without_repeats(raw), out)
     raw.unlink()
     return _conclude(out, path, outcome, config)
@@ -78,6 +78,12 @@ def execute_from_log(trajectory: Motion, folder: Path, out: Path) -> ExecutionRe
     write_result(result, out)
     write_json(out / "robot.json", config.content())
     return result
+
+
+def _without_earlier(out: Path) -> None:
+    """What an earlier run left must not pass for this one's, however it ends."""
+    for name in ("log.csv", "result.json", "robot.json"):
+        (out / name).unlink(missing_ok=True)
 
 
 def _conclude(out: Path, path: Motion, outcome: Outcome, config: RobotConfig) -> ExecutionResult:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import signal
 import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import Rotation, Slerp
 
 from dlolib.errors import MotionRefused
 from dlolib.execute.limits import Limits, outside
@@ -21,8 +22,12 @@ POLL_S = 0.02
 PATIENCE = 3.0
 PATIENCE_S = 5.0
 SETTLE_S = 2.0
-CHECKED_POSES = 60
+# The controller is asked about poses no further apart than this.
+CHECKED_M, CHECKED_RAD = 0.005, 0.05
+THERE = "on the way to the first pose"
 MOVE = "move the path or the base"
+# Ctrl-C, an end from outside, a terminal that was closed or a line that dropped.
+STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 DONE = "the end of the trajectory was reached"
 
 
@@ -45,32 +50,56 @@ def check_robot(robot: Robot, poses: Floats, limits: Limits) -> None:
 
     Raises:
         MotionRefused: it is stopped or not running, stands outside the limits (the way to the first pose
-            is straight, box and reach are convex, so its two ends decide), or forbids a pose itself.
+            is straight, box and reach are convex, so its two ends decide), or forbids a pose itself, of the
+            path or on the way to it.
     """
     if (problem := robot.trouble()) is not None:
         raise MotionRefused(problem, place="the robot", mend="clear it on the pendant, then try again")
     if (left := outside(robot.pose()[None, :3], limits)) is not None:
         raise MotionRefused(left[1], place="where the robot stands", mend="jog it to the trajectory's start")
     robot.arm()
-    rows = np.unique(np.linspace(0, len(poses) - 1, CHECKED_POSES).round().astype(int))
-    if (forbidden := robot.forbids(poses[rows])) is not None:
-        row, why = forbidden
-        raise MotionRefused(f"the pose is outside {why}", place=f"row {rows[row] + 1}", mend=MOVE)
+    way, rows = _way_there(robot.pose(), poses[0]), _checked(poses)
+    places = [THERE] * len(way) + [f"row {row + 1}" for row in rows]
+    if (forbidden := robot.forbids(np.concatenate([way, poses[rows]]))) is not None:
+        number, why = forbidden
+        raise MotionRefused(f"the pose is outside {why}", place=places[number], mend=MOVE)
     if limits.joints_rad is not None:
-        _check_joints(robot, poses, rows.tolist(), np.array(limits.joints_rad))
+        places = [THERE] * len(way) + [f"row {row + 1}" for row in range(len(poses))]
+        _check_joints(robot, np.concatenate([way, poses]), places, np.array(limits.joints_rad))
 
 
-def _check_joints(robot: Robot, poses: Floats, rows: list[int], joints_rad: Floats) -> None:
+def _way_there(here: Floats, first: Floats) -> Floats:
+    """Poses (N, 6) on the straight way from where the tool is to the first of the path, without that one."""
+    ends = np.stack([here, first])
+    share = np.linspace(0.0, 1.0, int(_way(ends)[-1]) + 2)[:-1]
+    turn = Slerp([0.0, 1.0], Rotation.from_rotvec(ends[:, 3:]))(share)
+    return np.hstack([here[:3] + share[:, None] * (first[:3] - here[:3]), turn.as_rotvec()])
+
+
+def _checked(poses: Floats) -> list[int]:
+    """Rows of a path (T, 6) to ask the controller about, the first and the last among them."""
+    _, rows = np.unique(np.floor(_way(poses)), return_index=True)
+    return sorted({*rows.tolist(), len(poses) - 1})
+
+
+def _way(poses: Floats) -> Floats:
+    """The way along poses (T, 6) up to each, in units of what may lie between two that are checked."""
+    moved = np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1) / CHECKED_M
+    turned = turn_between(poses[:-1, 3:], poses[1:, 3:]) / CHECKED_RAD
+    return np.concatenate([[0.0], np.cumsum(np.maximum(moved, turned))])
+
+
+def _check_joints(robot: Robot, poses: Floats, places: list[str], joints_rad: Floats) -> None:
     near: Floats | None = None
-    for row in rows:
-        near = robot.joints(poses[row], near)
+    for pose, place in zip(poses, places, strict=True):
+        near = robot.joints(pose, near)
         if near.shape != (6,) or not np.isfinite(near).all():
-            raise MotionRefused("no joint angles reach it", place=f"row {row + 1}", mend=MOVE)
+            raise MotionRefused("no joint angles reach it", place=place, mend=MOVE)
         bad = np.flatnonzero((near < joints_rad[0]) | (near > joints_rad[1]))
         if bad.size:
             joint = int(bad[0])
             problem = f"joint {joint + 1} at {near[joint]:.3f} rad leaves {joints_rad[:, joint].tolist()}"
-            raise MotionRefused(problem, place=f"row {row + 1}", mend=f"{MOVE}, or widen joints_rad")
+            raise MotionRefused(problem, place=place, mend=f"{MOVE}, or widen joints_rad")
 
 
 def drive(
@@ -106,7 +135,7 @@ def _stopped(robot: Robot, interrupted: threading.Event, taken: bool) -> str | N
     if (problem := robot.trouble()) is not None:
         return problem
     if interrupted.is_set():
-        return "interrupted (Ctrl-C)"
+        return "interrupted (Ctrl-C, SIGTERM or a closed terminal)"
     return None if taken else "the robot did not take the command"
 
 

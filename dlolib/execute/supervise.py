@@ -9,7 +9,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from multiprocessing import Pipe
@@ -20,7 +20,7 @@ from dlolib.errors import MotionRefused
 from dlolib.execute.limits import Limits, RobotConfig
 from dlolib.execute.path import check_samples, sampled, tool_vectors
 from dlolib.execute.robots import ROBOTS
-from dlolib.execute.stream import Outcome
+from dlolib.execute.stream import STOPPING, Outcome
 from dlolib.types import Motion
 
 POLL_S = 0.05
@@ -30,7 +30,7 @@ LEAVING_S = 1.5
 
 @contextmanager
 def interruptions() -> Iterator[threading.Event]:
-    """An event that Ctrl-C and SIGTERM set instead of ending the program, so that the robot is stopped first.
+    """An event that Ctrl-C, SIGTERM and SIGHUP set instead of ending the program: the robot is stopped first.
 
     Elsewhere than in the main thread signals do not arrive; the event is then never set.
     """
@@ -38,7 +38,7 @@ def interruptions() -> Iterator[threading.Event]:
     if threading.current_thread() is not threading.main_thread():
         yield event
         return
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.getsignal(number) for number in STOPPING}
     for number in before:
         signal.signal(number, lambda *_: event.set())
     try:
@@ -48,7 +48,7 @@ def interruptions() -> Iterator[threading.Event]:
             signal.signal(number, handler)
 
 
-def move(config: RobotConfig, host: str, path: Motion, raw: Path) -> Outcome:
+def move(config: RobotConfig, host: str, path: Motion, raw: Path, begins: Callable[[], None]) -> Outcome:
     """Run `dlolib.execute.driver` on a checked path (base frame) and return how it ended.
 
     Args:
@@ -56,6 +56,7 @@ def move(config: RobotConfig, host: str, path: Motion, raw: Path) -> Outcome:
         host: name or address of its controller.
         path: the tool's poses over time in the base frame.
         raw: file for the recorder.
+        begins: called when the first motion begins.
 
     Raises:
         MotionRefused: before the first motion, by the robot or for what would be streamed to it.
@@ -68,7 +69,7 @@ def move(config: RobotConfig, host: str, path: Motion, raw: Path) -> Outcome:
         "rows": tool_vectors(path).tolist(),
     }
     with interruptions() as interrupted:
-        driver = _Driver(job, path, config.limits)
+        driver = _Driver(job, path, config.limits, begins)
         try:
             return driver.listen(interrupted) or driver.after_crash(config, host)
         finally:
@@ -78,8 +79,8 @@ def move(config: RobotConfig, host: str, path: Motion, raw: Path) -> Outcome:
 class _Driver:
     """The running process. `handle` is its standard input: closing it ends the motion."""
 
-    def __init__(self, job: dict[str, Any], path: Motion, limits: Limits) -> None:
-        self.path, self.limits = path, limits
+    def __init__(self, job: dict[str, Any], path: Motion, limits: Limits, begins: Callable[[], None]) -> None:
+        self.path, self.limits, self.begins = path, limits, begins
         self.hear, tell = Pipe(duplex=False)
         package = str(Path(__file__).parents[2])
         search = os.pathsep.join([package, *filter(None, [os.environ.get("PYTHONPATH")])])
@@ -134,6 +135,8 @@ class _Driver:
             check_samples(poses, event["period_s"], self.limits)
             self._tell(poses.tolist())
             return None
+        if not self.moving:
+            self.begins()
         self.moving = True
         self.streamed_from_s = event.get("streamed_from_s", self.streamed_from_s)
         return None

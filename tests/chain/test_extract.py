@@ -20,6 +20,7 @@ from chain.tubes import (
     without_diameter,
     write_capture,
 )
+from scipy.spatial.transform import Rotation
 
 from dlolib.captures import open_capture
 from dlolib.captures.base import Frame
@@ -202,6 +203,42 @@ def test_a_gripper_that_hides_the_rope_beside_its_clamp_is_no_wrong_pose(
     write_capture(tmp_path / "held", axes, Scene(boxes=grippers))
     extract_chain(open_capture(tmp_path / "held"))
     assert "is logged" not in caplog.text
+
+
+@pytest.mark.parametrize("name", ["start", "end"])
+@pytest.mark.parametrize("axis", ["x", "y"])
+@pytest.mark.parametrize("angle", [90, 180])
+def test_a_held_end_that_is_logged_to_point_another_way_is_said(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, name: str, axis: str, angle: int
+) -> None:
+    write_capture(tmp_path / "held", [wave(0.5)], Scene())
+    index = open_capture(tmp_path / "held").index
+    extract_chain(ImageFolder(index))
+    assert "another direction" not in caplog.text
+    assert index.motion is not None
+    logged = Rotation.from_quat(getattr(index.motion, f"{name}_q"), scalar_first=True)
+    turned = (logged * Rotation.from_euler(axis, angle, degrees=True)).as_quat(scalar_first=True)
+    extract_chain(ImageFolder(replace(index, motion=replace(index.motion, **{f"{name}_q": turned}))))
+    assert f"at its held {name} the rope is seen to run by" in caplog.text
+    off = int(re.search(r"by (\d+) degrees in another direction", caplog.text)[1])  # type: ignore[index]
+    assert abs(off - angle) < 15
+
+
+@pytest.mark.parametrize(
+    ("share", "said"), [(1.0, False), (0.8, False), (1.25, False), (0.5, True), (2.0, True)]
+)
+def test_a_diameter_that_the_pictures_do_not_bear_out_is_said(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, share: float, said: bool
+) -> None:
+    write_capture(tmp_path / "wide", [wave(0.5)], Scene())
+    index = open_capture(tmp_path / "wide").index
+    rope = replace(index.rope, diameter_m=0.008 * share)
+    try:
+        extract_chain(ImageFolder(replace(index, rope=rope)))
+        told = caplog.text
+    except ChainError as error:
+        told = str(error)
+    assert ("object.diameter_m" in told) == said
 
 
 HELD = {"start": Ends("clamped", "free"), "end": Ends("free", "clamped")}

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import shutil
+import tempfile
 from pathlib import Path
 
 import pytest
 from formats import samples
 
 from dlolib.cli import run
+from dlolib.errors import FormatError
 from dlolib.files import whole_folder
+from dlolib.outputs import check_out
 
 VALUES = ["--set", "bending_stiffness=3e-4"]
 
@@ -38,6 +41,29 @@ def test_what_is_there_stays(
     assert _files(tmp_path) == before
     said = capfd.readouterr().err
     assert said.count("\n") == 1 and "; " in said
+
+
+def test_a_mount_is_no_folder_to_write_to() -> None:
+    with pytest.raises(FormatError, match="is a mount"):
+        check_out(Path("/proc"), "recording.json")
+
+
+@pytest.mark.parametrize("locked", ["", "out"])
+def test_a_folder_that_cannot_be_written_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, locked: str
+) -> None:
+    (tmp_path / "out").mkdir()
+    make = tempfile.TemporaryDirectory
+
+    def denied(dir: Path) -> tempfile.TemporaryDirectory[str]:
+        if dir == tmp_path / locked:
+            raise PermissionError(13, "Permission denied")
+        return make(dir=dir)
+
+    monkeypatch.setattr(tempfile, "TemporaryDirectory", denied)
+    with pytest.raises(FormatError, match="cannot be written to") as refused:
+        check_out(tmp_path / "out", "recording.json")
+    assert refused.value.file == tmp_path / locked
 
 
 def test_an_earlier_result_is_replaced(tmp_path: Path) -> None:

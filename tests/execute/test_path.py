@@ -116,10 +116,37 @@ def test_what_would_be_streamed_is_held_against_the_speed_limits_itself() -> Non
 
 
 def test_speed_up_from_rest_counts_as_acceleration() -> None:
-    # 0.118 m/s at once, over a look-ahead of 0.1 s.
-    check_path(arc(), Limits(acceleration_m_s2=1.2))
-    with pytest.raises(MotionRefused, match=r"accelerates at 1\.1\d m/s\^2"):
-        check_path(arc(), Limits(acceleration_m_s2=1.1))
+    # 0.118 m/s at once, and what the circle of 30 mm takes beside it within a look-ahead of 0.1 s.
+    check_path(arc(), Limits(acceleration_m_s2=1.6))
+    with pytest.raises(MotionRefused, match=r"accelerates at 1\.5\d m/s\^2"):
+        check_path(arc(), Limits(acceleration_m_s2=1.5))
+
+
+@pytest.mark.parametrize("step_s", [0.025, 0.04, 0.045, 0.05, 0.06])
+def test_shaking_within_the_look_ahead_counts_as_acceleration(step_s: float) -> None:
+    t_s, odd = step_s * np.arange(41), np.arange(41) % 2
+    place, turn = np.tile(FIRST_M, (41, 1)), Rotation.from_quat(TURN, scalar_first=True)
+    # 0.2 m/s to and fro
+    shaken = place + 0.2 * step_s * odd[:, None] * [0, 1, 0]
+    turned = (Rotation.from_rotvec(0.8 * step_s * odd[:, None] * [0, 1, 0]) * turn).as_quat(scalar_first=True)
+    straight = np.tile(TURN, (41, 1))
+    with pytest.raises(MotionRefused, match="accelerates at"):
+        check_path(Motion(t_s, shaken, straight, shaken, straight), Limits())
+    with pytest.raises(MotionRefused, match=r"speeds up its turn at .*, the limit is 10 rad/s\^2"):
+        check_path(Motion(t_s, place, turned, place, turned), Limits())
+
+
+@pytest.mark.parametrize("step_s", [0.002, 0.03, 0.05, 0.07])
+def test_a_steady_acceleration_counts_as_what_it_is(step_s: float) -> None:
+    # 0.15 m/s^2 for a second, and as much against it for another
+    t_s = np.arange(0, 2 + step_s / 2, step_s)
+    place = np.tile(FIRST_M, (len(t_s), 1))
+    place[:, 1] += 0.15 * np.where(t_s < 1, t_s**2, 2 - (2 - t_s) ** 2) * 0.5
+    straight = np.tile(TURN, (len(t_s), 1))
+    path = Motion(t_s, place, straight, place, straight)
+    check_path(path, Limits(acceleration_m_s2=0.18))
+    with pytest.raises(MotionRefused, match="accelerates at"):
+        check_path(path, Limits(acceleration_m_s2=0.149))
 
 
 def test_a_free_end_or_a_single_row_is_no_path() -> None:

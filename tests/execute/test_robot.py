@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -11,6 +12,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pandas as pd
@@ -19,8 +21,10 @@ import pytest
 from dlolib.errors import MotionRefused
 from dlolib.execute import ExecutionResult, Limits, RobotConfig, execute_from_log, execute_on_robot, read_log
 from dlolib.execute.recorded import columns
+from dlolib.execute.robots import Robot
+from dlolib.execute.stream import check_robot
 from dlolib.formats import write_motion
-from dlolib.types import Motion
+from dlolib.types import Floats, Motion
 
 from .conftest import FIRST_M, StandIn, arc, stand_ins
 
@@ -250,25 +254,85 @@ def wait_until(true: Callable[[], bool], timeout_s: float = 45.0) -> None:
         time.sleep(0.02)
 
 
-def test_ctrl_c_stops_the_robot_and_keeps_the_log(robots: Start, tmp_path: Path) -> None:
+INTERRUPTED = "interrupted (Ctrl-C, SIGTERM or a closed terminal)"
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGHUP])
+def test_ctrl_c_or_a_closed_terminal_stops_the_robot_and_keeps_the_log(
+    robots: Start, tmp_path: Path, how: signal.Signals
+) -> None:
     robot = robots()
     process = caller(robot, tmp_path)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(how)
     output, _ = process.communicate(timeout=45)
     assert process.returncode == 0
     assert output == "1\n"
     assert robot.commands()[-2:] == ["servoStop", "stopScript"]
     said = json.loads((tmp_path / "out" / "result.json").read_text())
-    assert (said["completed"], said["reason"]) == (False, "interrupted (Ctrl-C)")
+    assert (said["completed"], said["reason"]) == (False, INTERRUPTED)
     assert said["samples"] == len(read_log(tmp_path / "out").t_s) > 20
 
 
 def test_the_robot_is_stopped_when_the_caller_is_killed(robots: Start, tmp_path: Path) -> None:
-    robot = robots()
+    robot, out = robots(), tmp_path / "out"
+    out.mkdir()
+    for name in ("log.csv", "result.json", "robot.json"):
+        (out / name).write_text("of an earlier run")
     process = caller(robot, tmp_path)
     process.kill()
     process.wait()
     wait_until(lambda: robot.commands()[-2:] == ["servoStop", "stopScript"])
+    # nothing of an earlier run passes for this one
+    assert [path.name for path in out.iterdir()] == [".recording.csv"]
+
+
+def test_what_cannot_be_recorded_is_not_run(robots: Start, tmp_path: Path) -> None:
+    robot, out = robots(), tmp_path / "out"
+    (out / ".recording.csv").mkdir(parents=True)
+    with pytest.raises(MotionRefused, match=r"\.recording\.csv"):
+        execute_on_robot(arc(), robot.host, RobotConfig(), out)
+    assert not robot.moved()
+
+
+class Elbow:
+    """A robot whose first joint bends far at one place only, and which forbids a place, both narrow."""
+
+    def __init__(self, here_m: float, bent_m: float, forbidden_m: float = np.inf) -> None:
+        self.here_m, self.bent_m, self.forbidden_m = here_m, bent_m, forbidden_m
+
+    def pose(self) -> Floats:
+        return np.array([self.here_m, 0.0, 0.3, 0.0, 0.0, 0.0])
+
+    def trouble(self) -> None:
+        return None
+
+    def arm(self) -> None:
+        pass
+
+    def forbids(self, poses: Floats) -> tuple[int, str] | None:
+        bad = np.flatnonzero(np.abs(poses[:, 0] - self.forbidden_m) < 3e-3)
+        return (int(bad[0]), "its limits") if bad.size else None
+
+    def joints(self, pose: Floats, near: Floats | None) -> Floats:
+        return np.array([3.0 * (abs(pose[0] - self.bent_m) < 1e-4), 0, 0, 0, 0, 0])
+
+
+ELBOWS = {
+    "a joint in one row": (Elbow(0.3, 0.4), "joint 1 .* row 151"),
+    "a joint where it stands": (Elbow(0.25, 0.25), "joint 1 .* on the way to the first pose"),
+    "a place on the path": (Elbow(0.3, 0.0, 0.403), "outside its limits.* row 15"),
+    "a place on the way there": (Elbow(0.2, 0.0, 0.253), "outside its limits.* on the way to the first pose"),
+}
+
+
+@pytest.mark.parametrize("case", ELBOWS)
+def test_no_pose_between_those_that_are_asked_about_is_overlooked(case: str) -> None:
+    robot, message = ELBOWS[case]
+    poses = np.zeros((301, 6))
+    poses[:, 0], poses[:, 2] = np.linspace(0.3, 0.5, 301), 0.3
+    with pytest.raises(MotionRefused) as refused:
+        check_robot(cast(Robot, robot), poses, Limits(joints_rad=((-1,) * 6, (1,) * 6)))
+    assert re.search(message, f"{refused.value.problem} {refused.value.place}")
 
 
 def test_the_robot_is_stopped_when_its_client_crashes(robots: Start, tmp_path: Path) -> None:
