@@ -130,10 +130,11 @@ def rope_values(rope: Rope, name: str, fit: Fit | None, values: Mapping[str, flo
         ratio = (rope.linear_density_kg_m or 1.0) if key.endswith(RATIO) else 1.0
         known = key.removesuffix(RATIO)
         parameters[known] = parameters.get(known, 0.0) + estimate.value * ratio
-    for key in STIFFNESSES:
-        if key in values and rope.linear_density_kg_m is None:
-            problem = f"{key} is in N m^2, but the density of {rope.name} is not known"
-            raise ParameterError(problem, place=f"--set {key}", mend="give --set linear_density=VALUE")
+    if rope.linear_density_kg_m is None and any(key in values for key in STIFFNESSES):
+        from dlolib.formats.doubts import say
+
+        unknown = f"the density of {rope.name} is not known: it is simulated as 1 kg/m"
+        say([f"{unknown}, and what --set gives in N m^2 counts as m^4/s^2; give --set linear_density=VALUE"])
     parameters |= {key: value for key, value in values.items() if key != "linear_density"}
     if "bending_stiffness" not in parameters:
         mend = "give --set bending_stiffness=VALUE (N m^2) or --fit FILE"

@@ -17,11 +17,13 @@ from dlolib.progress import track
 from dlolib.report.headline import headline
 from dlolib.report.model import as_json, numbered
 from dlolib.report.render import render_html, render_pdf
-from dlolib.report.results import CAPTURED, Results
+from dlolib.report.results import CAPTURED, Results, read_object
 from dlolib.report.sections import SECTIONS
 from dlolib.report.style import STYLE
 
 LARGE_BYTES = 5_000_000
+FORMAT = "dlo-report/1"
+FILES = ("report.json", "report.pdf", "report.html")
 
 
 def build_report(
@@ -45,13 +47,12 @@ def build_report(
         The path of report.html.
 
     Raises:
-        DloError: `results` is no folder, or one of its files cannot be read.
+        DloError: `results` is no folder, one of its files cannot be read, or `out` holds what no report left.
     """
     results, out = Path(results), Path(out)
     if not results.is_dir():
         raise DloError("no such folder", file=results, mend="name the folder with the stages' results")
-    if (out / "figures").exists() and not (out / "report.json").exists():
-        raise DloError("is there and of no report", file=out / "figures", mend="write to a folder of its own")
+    _check_place(out)
     beside = Path(os.path.normpath(results / ".." / "data"))
     source = Results(results, beside if data is None else Path(data), has_truth, parameters)
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -63,15 +64,28 @@ def build_report(
             problem = f"the page has {len(page.encode()) / 1e6:.1f} MB, more than {LARGE_BYTES / 1e6:g}"
             mend = "report fewer recordings or layouts at once if it opens slowly"
             say([str(DloError(problem, file=out / "report.html", mend=mend))])
+        write_json(work / "report.json", report)
+        (work / "report.pdf").write_bytes(document)
+        (work / "report.html").write_text(page, encoding="utf-8")
         with whole_folder(out / "figures") as figures:
             for path in sorted((work / "figures").iterdir()):
                 path.rename(figures / path.name)
-    write_json(out / "report.json", report)
-    with whole_file(out / "report.pdf") as temporary:
-        temporary.write_bytes(document)
-    with whole_file(out / "report.html") as temporary:
-        temporary.write_text(page, encoding="utf-8")
+        for name in FILES:
+            with whole_file(out / name) as temporary:
+                (work / name).rename(temporary)
     return out / "report.html"
+
+
+def _check_place(out: Path) -> None:
+    """Refuse to replace what no earlier report left."""
+    mend = "write to a folder of its own"
+    there = [name for name in ("figures", *FILES) if (out / name).exists()]
+    for name in there:
+        if (out / name).is_dir() != (name == "figures"):
+            raise DloError("is there and of no report", file=out / name, mend=mend)
+    said = read_object(out / "report.json") if there else None
+    if there and (said is None or said.get("format") != FORMAT):
+        raise DloError("is there and of no report", file=out / there[0], mend=mend)
 
 
 def collect(results: Results, figures: Path) -> dict[str, Any]:
@@ -85,7 +99,7 @@ def collect(results: Results, figures: Path) -> dict[str, Any]:
     with rc_context(STYLE):
         sections = [section(results, figures) for section in track(SECTIONS, "report")]
     return {
-        "format": "dlo-report/1",
+        "format": FORMAT,
         "title": _title(results),
         "kicker": "dlolib report",
         "subtitle": (

@@ -19,9 +19,8 @@ def stiffness(results: Results, name: str = CAPTURED) -> Estimate | None:
 
 
 def clear(result: Mapping[str, Any]) -> bool:
-    """Whether a learned motion kept out of every obstacle at every step."""
-    clearance = result["min_clearance_m"]
-    return clearance is None or bool(clearance >= 0)
+    """Whether a learned motion kept out of every obstacle, and its margin, at every step."""
+    return bool(result["free_of_contact"])
 
 
 def headline(results: Results) -> dict[str, Any]:

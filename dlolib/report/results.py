@@ -22,11 +22,15 @@ CAPTURED = "captured"
 """The recording that the chain stage makes of the capture; the others were recorded elsewhere."""
 
 
+BLOCKS = {"identify": "recordings", "diagnose": "recordings", "learn": "layouts", "execute": "layouts"}
+"""Which block of the parameters names what has a folder in these."""
+
 LEARNED = (
     "layout",
     "goal_error_m",
     "min_clearance_m",
     "contacts",
+    "free_of_contact",
     "iterations",
     "iterations_total",
     "starts",
@@ -71,7 +75,7 @@ class Results:
 
     def json(self, *parts: str) -> dict[str, Any] | None:
         """A JSON object under the results, or None where there is no such file."""
-        return read_object(self.folder.joinpath(*parts))
+        return read_object(self.folder.joinpath(*parts)) if self._asked_for(parts) else None
 
     def table(self, *parts: str, needs: Sequence[str] = ()) -> pd.DataFrame | None:
         """A CSV under the results, or None where there is no such file.
@@ -80,7 +84,7 @@ class Results:
             FormatError: it lacks a column that it needs.
         """
         path = self.folder.joinpath(*parts)
-        found = read_table(path)
+        found = read_table(path) if self._asked_for(parts) else None
         absent = [column for column in needs if found is not None and column not in found]
         if absent:
             raise FormatError(f"has no column {absent[0]}", file=path, mend="run its stage again")
@@ -102,7 +106,7 @@ class Results:
     def fit(self, name: str) -> Fit | None:
         """What identification found for a recording."""
         path = self.folder / "identify" / name / "fit.json"
-        return read_fit(path) if path.is_file() else None
+        return read_fit(path) if path.is_file() and self._asked_for(("identify", name)) else None
 
     def verdict(self, name: str) -> Verdict:
         """What the diagnosis says of a recording."""
@@ -126,8 +130,13 @@ class Results:
     def _named(self, block: str, names: list[str]) -> tuple[str, ...]:
         """Those of the names that a block of the parameters still has: the captured one, then by name."""
         given = (self.parameters or {}).get(block, names)
-        kept = {name for name in names if name == CAPTURED or name in given}
+        kept = {name for name in names if name in given}
         return tuple(sorted(kept, key=lambda name: (name != CAPTURED, name)))
+
+    def _asked_for(self, parts: Sequence[str]) -> bool:
+        """Whether the parameters still name the recording or layout that a result is of."""
+        block = BLOCKS.get(parts[0])
+        return block is None or len(parts) < 2 or parts[1] in self._named(block, [parts[1]])
 
     def layout(self, name: str) -> Layout | None:
         """A layout with its goal and obstacles."""

@@ -85,7 +85,7 @@ def _residual_lines(shapes: pd.DataFrame, axes: Axes) -> tuple[Floats, Floats]:
 
 def _is_one_pose(shapes: pd.DataFrame) -> bool:
     """Whether every frame shows the same pose, so that only the noise of picking differs."""
-    spread = shapes.groupby("s_m")[["x_m", "z_m"]].std().max().max()
+    spread = shapes.groupby("s_m")[["x_m", "y_m", "z_m"]].std().max().max()
     return bool(np.isfinite(spread) and spread < 0.02)
 
 
@@ -93,13 +93,13 @@ def _caption(name: str, repeated: bool, frames: int, shown: int, means: Floats, 
     if repeated:
         shared, error = np.sqrt(np.mean(means**2)), np.sqrt(np.mean(spread**2) / frames)
         verdict = (
-            "which is more than picking explains: the wire itself is not straight at rest"
+            "which is more than the points' scatter explains: the rod lacks something, as a curvature at rest"
             if shared > SURE * error
-            else "which picking alone can explain"
+            else "which the points' scatter alone can explain"
         )
         return (
-            f"{title(name)}: one hanging pose, picked {frames} times by hand in a photograph. Right, "
-            "across the rope: grey one line a picking, blue their mean and its spread. What all pickings "
+            f"{title(name)}: one pose, seen {frames} times. Right, "
+            "across the rope: grey one line a time, blue their mean and its spread. What all "
             f"share is {millimetres(float(shared))} mm (RMS) with a standard error of "
             f"{millimetres(float(error))} mm, {verdict}."
         )

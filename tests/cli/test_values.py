@@ -46,6 +46,20 @@ def test_newtons_need_a_density() -> None:
         rope_values(UNWEIGHED, "two", fit(bending_stiffness=3e-4), {})
 
 
+def test_newtons_that_are_set_without_a_density_are_of_a_rope_of_one_kg_per_metre(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    assert (
+        rope_values(UNWEIGHED, "two", None, {"bending_stiffness": 0.02}).parameters["bending_stiffness"]
+        == 0.02
+    )
+    assert "it is simulated as 1 kg/m" in caplog.text
+    caplog.clear()
+    rope_values(UNWEIGHED, "two", None, {"bending_stiffness": 3e-4, "linear_density": 0.04})
+    rope_values(WEIGHED, "one", None, {"bending_stiffness": 3e-4})
+    assert not caplog.text
+
+
 def test_nothing_given() -> None:
     with pytest.raises(ParameterError, match="no bending_stiffness is given; give --set"):
         rope_values(WEIGHED, "one", None, {"torsional_stiffness": 1.0})

@@ -234,7 +234,7 @@ def _write_layout(root: Path, name: str, lift: float, rng: np.random.Generator) 
     write_json(folder / "result.json", {
         "layout": name, "goal_error_m": {"mean": 0.0041 + lift / 200, "max": 0.009, "end": 0.003}, "seed": 1,
         "min_clearance_m": 0.0052 - lift / 300, "contacts": 0, "iterations": 120, "loss": 0.002,
-        "starts": 2, "iterations_total": 171,
+        "starts": 2, "iterations_total": 171, "free_of_contact": True,
     })  # fmt: skip
 
 

@@ -107,6 +107,6 @@ def test_large_images_are_shrunk_and_small_ones_kept() -> None:
     assert shown(image, (0, 40, 0, 80), 20).shape == (10, 20, 3)
 
 
-def test_touching_is_clear() -> None:
-    assert clear({"min_clearance_m": 0.0}) and clear({"min_clearance_m": 0.002})
-    assert not clear({"min_clearance_m": -0.001})
+def test_what_learning_calls_free_of_contact_is_clear() -> None:
+    assert clear({"min_clearance_m": 0.002, "free_of_contact": True})
+    assert not clear({"min_clearance_m": 0.0001, "contacts": 57, "free_of_contact": False})

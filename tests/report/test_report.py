@@ -110,7 +110,13 @@ def test_a_long_recording_makes_no_long_figure(tmp_path: Path) -> None:
         s_m = np.linspace(0, 0.4, 20)
         rows = {"frame": np.repeat(np.arange(frames), 20), "s_m": np.tile(s_m, frames)}
         wave = np.random.default_rng(1).normal(0, 1e-3, 20 * frames) + np.repeat(np.arange(frames), 20) * 1e-3
-        rows |= {"x_m": rows["s_m"], "z_m": wave, "sim_x_m": rows["s_m"], "sim_z_m": 0 * wave}
+        rows |= {
+            "x_m": rows["s_m"],
+            "y_m": 0 * wave,
+            "z_m": wave,
+            "sim_x_m": rows["s_m"],
+            "sim_z_m": 0 * wave,
+        }
         shapes_figure("long", pd.DataFrame(rows), tmp_path / str(frames))
         sizes.append((tmp_path / str(frames) / "shapes_long.svg").stat().st_size)
     assert sizes[1] < 1.1 * sizes[0]
@@ -322,7 +328,8 @@ def test_logs_of_a_robot_stand_beside_the_plan(tmp_path: Path) -> None:
 
 def test_what_was_taken_out_of_the_parameters_is_no_longer_reported(results: Path) -> None:
     data, kept = results.parent / "data", ["layout_2", "layout_3"]
-    parameters = {"layouts": kept, "recordings": {"wire_white": {"path": "data/wires/wire_white"}}}
+    paths = {"captured": "data/recordings/captured", "wire_white": "data/wires/wire_white"}
+    parameters = {"layouts": kept, "recordings": {name: {"path": path} for name, path in paths.items()}}
     now = Results(results, data, parameters=parameters)
     assert now.layouts == ("layout_2", "layout_3")
     assert now.recordings == ("captured", "wire_white")
@@ -421,6 +428,33 @@ def test_without_obstacles_there_is_no_clearance_and_none_is_missing(results: Pa
     (card,) = [card for card in cards["items"] if card["label"] == "Smallest clearance"]
     assert (card["value"], card["detail"]) == ("none", "No layout has an obstacle.")
     assert "Not there yet" not in json.dumps(content["sections"][0])
+
+
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize(
+    "there", ["report.pdf", "report.html", "figures/photo.txt", "report.json", "report.pdf/inside"]
+)
+def test_what_no_report_left_stays(results: Path, tmp_path: Path, there: str) -> None:
+    out = tmp_path / "thesis"
+    (out / there).parent.mkdir(parents=True)
+    (out / there).write_text("{}", encoding="utf-8")
+    if "inside" not in there:
+        (out / "report.json").write_text('{"format": "mine"}', encoding="utf-8")
+    before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    with pytest.raises(DloError, match="is there and of no report; write to a folder of its own"):
+        build_report(results, out)
+    assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_what_the_parameters_name_no_more_is_not_reported(results: Path, tmp_path: Path) -> None:
+    kept = [name for name in Results(results, results.parent / "data").recordings if name != "captured"]
+    parameters = {"recordings": dict.fromkeys(kept), "layouts": [LAYOUTS[0]]}
+    source = Results(results, results.parent / "data", parameters=parameters)
+    assert source.recordings == tuple(sorted(kept)) and source.fit("captured") is None
+    assert source.json("identify", "captured", "summary.json") is None
+    content = collect(source, tmp_path / "figures")
+    assert content["headline"]["ei_n_m2"] is None and content["headline"]["residual_m"] is None
 
 
 def test_missing_folder_is_refused(tmp_path: Path) -> None:
