@@ -31,6 +31,10 @@ def run(stage: Callable[..., None], *arguments: str) -> None:
     except DloError as error:
         print(error, file=sys.stderr)
         raise SystemExit(2) from None
+    except OSError as error:
+        where = error.filename or stage.__module__
+        print(f"{where}: {error.strerror}; correct the path or its permissions", file=sys.stderr)
+        raise SystemExit(2) from None
 
 
 def known(given: Sequence[str], names: Iterable[str], what: str) -> None:

@@ -23,6 +23,8 @@ from dlolib.calibrate.folder import read_shots
 from dlolib.calibrate.standing import MARKERS
 from dlolib.errors import FormatError
 from dlolib.files import whole_folder
+from dlolib.formats._json import read_json
+from dlolib.formats.capture import FORM
 from stages import REPORTS, run
 
 
@@ -35,6 +37,8 @@ def main(data: str, capture: str = "") -> None:
     camera = calibrate_hand_eye(folder) if moved else None
     view = None if camera is None else camera.world_from_camera
     obstacles = find_obstacles(folder, view) if marked else ()
+    if capture:
+        read_json(Path(capture) / "capture.json", FORM)
     with whole_folder(REPORTS / "calibration" / folder.resolve().name) as out:
         write_calibration(out / "calibration.json", camera, obstacles)
         if camera is not None:
@@ -47,8 +51,8 @@ def main(data: str, capture: str = "") -> None:
                 shots.camera.world_from_camera if view is None else view,
                 out / "obstacles.png",
             )
-    if capture:
-        put_into_capture(Path(capture), view, obstacles)
+        if capture:
+            put_into_capture(Path(capture), view, obstacles)
     if camera is not None:
         apart, turned = (
             float(np.sqrt(np.mean(values**2))) for values in (camera.residual_m, camera.residual_rad)

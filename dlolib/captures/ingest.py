@@ -81,6 +81,8 @@ def ingest(
     if (found := _format(source)) is None:
         return _copied(source, out, motion_csv, topics, object_json)
     _check_roles(found, topics or {})
+    if motion_csv is not None and "motion" in (topics or {}):
+        raise ParameterError("the motion is given twice", place="--motion, --topic", mend="give one of them")
     check_inside((path for path in source.rglob("*") if path.is_symlink()), source)
     given = read_given(_object(source, object_json))
     foreign = found.open(source, Asked(given, topics or {}))
@@ -127,6 +129,9 @@ def _copied(
     topics: Mapping[str, str] | None,
     object_json: Path | None,
 ) -> CaptureIndex:
+    if not source.exists():
+        what = "file" if source.suffix else "folder"
+        raise FormatError(f"no such {what}", file=source, mend="correct the path")
     for option, value in (("--topic", topics), ("--object", object_json)):
         if value:
             problem = "a capture folder has no topics and says itself what was recorded"

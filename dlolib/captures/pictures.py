@@ -115,8 +115,8 @@ def decode_color(data: bytes, path: Path, place: str | None = None) -> Image:
         FormatError: neither, truncated, damaged, or without colour.
     """
     if data.startswith(JPEG):
-        # OpenCV refuses a truncated JPEG by itself
-        image = _decoded(data, cv2.IMREAD_COLOR)
+        # OpenCV refuses a truncated JPEG by itself. A turn noted in one would turn it against its depth.
+        image = _decoded(data, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
         if image is None:
             raise FormatError("is a damaged JPEG", file=path, place=place, mend="record or copy it again")
     else:

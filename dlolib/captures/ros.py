@@ -56,7 +56,7 @@ class RosBag:
             lenses, optics = _calibration(bag, topics, asked)
             stamps = _stamps(bag, topics)
             pairs = paired(stamps["depth"], stamps["color"], path)
-            view, motion = _poses(bag, asked)
+            view, motion = _poses(bag, topics, asked)
         return cls(path, topics, stamps["depth"], pairs, optics, lenses, view, motion)
 
     @property
@@ -144,10 +144,22 @@ def _calibration(
         return {}, optics
     info = bag.first(name)
     rectified = _rectified(topics)
+    _check_frame(bag, topics, asked, name, info)
     lenses = ros_images.lenses(info, rectified, asked.given.optics, Spot(bag.path, name))
     width, height = ros_images.size(info)
     optics |= {"width": float(width), "height": float(height)}
     return lenses, optics | lenses["depth"].optics
+
+
+def _check_frame(bag: Bag, topics: Mapping[Role, str], asked: Asked, name: str, info: Any) -> None:
+    """Refuse another camera's calibration where nothing but that there is no other speaks for it."""
+    beside = any(_sibling(topic, [name]) for topic in topics.values())
+    of, images = info.header.frame_id, bag.first(topics["depth"]).header.frame_id
+    if beside or "camera_info" in asked.topics or not (of and images) or of == images:
+        return
+    problem = f"is of {of!r}, the images are of {images!r}"
+    mend = f"name it if it is right: --topic camera_info={name}"
+    raise FormatError(problem, file=bag.path, place=name, mend=mend)
 
 
 def _rectified(topics: Mapping[Role, str]) -> dict[Role, bool]:
@@ -210,9 +222,16 @@ def _stamps(bag: Bag, topics: Mapping[Role, str]) -> dict[str, Floats]:
     return stamps
 
 
-def _poses(bag: Bag, asked: Asked) -> tuple[Floats | None, Motion | None]:
+def _poses(bag: Bag, topics: Mapping[Role, str], asked: Asked) -> tuple[Floats | None, Motion | None]:
     """The camera's pose and the ends' motion, as far as topics are named, in one frame."""
     named = {role: asked.topics[role] for role in ("camera_pose", "motion") if role in asked.topics}
+    if "camera_pose" in named:
+        images = bag.first(topics["depth"]).header.frame_id.lstrip("/")
+        other = ros_poses.other_frame(bag, named["camera_pose"], images)
+        if other is not None:
+            problem = f"the images are of the frame {images!r}, which has other axes"
+            place = f"--topic camera_pose={named['camera_pose']}"
+            raise FormatError(problem, file=bag.path, place=place, mend=f"name {other}")
     logged = {role: ros_poses.poses(bag, name, role) for role, name in named.items()}
     frames = {role: one.frame for role, one in logged.items() if one.frame}
     if len(set(frames.values())) > 1:

@@ -14,7 +14,7 @@ import numpy as np
 from dlolib.captures.base import Image
 from dlolib.captures.foreign import Units
 from dlolib.captures.lens import PINHOLE, Lens
-from dlolib.captures.pictures import decode_color, decode_png
+from dlolib.captures.pictures import decode_color, decode_depth, decode_png
 from dlolib.errors import FormatError
 from dlolib.types import Floats
 
@@ -62,7 +62,7 @@ def encoding(message: Any) -> str:
 def role_of(message: Any) -> Role | None:
     """What an image can be, by its encoding; None where neither colour nor depth."""
     if not hasattr(message, "encoding"):
-        return "depth" if "compressedDepth" in message.format else "color"
+        return "depth" if "compressedDepth" in message.format or encoding(message) in MILLIMETRES else "color"
     kind = encoding(message)
     return "color" if kind in COLORS else "depth" if kind in (*MILLIMETRES, METRES) else None
 
@@ -183,8 +183,11 @@ def _rows(message: Any, kind: np.dtype[Any], channels: int, spot: Spot) -> Any:
 
 
 def _decompressed(message: Any, spot: Spot) -> Units:
-    """Depth of compressed_depth_image_transport: a header and a PNG; floats are stored inverted."""
+    """Depth of compressed_depth_image_transport, a header and a PNG, floats stored inverted; or of
+    compressed_image_transport, a PNG of 16 bits alone."""
     data = bytes(message.data)
+    if "compressedDepth" not in message.format and encoding(message) in MILLIMETRES:
+        return decode_depth(data, spot.path, spot.place)
     if "compressedDepth" not in message.format:
         raise spot.refusal(
             f"its format is {message.format!r}", "name a topic of depth; is color named as depth?"

@@ -79,6 +79,13 @@ def poses(bag: Bag, name: str, role: str) -> Logged:
     return _composed(bag, links, frame)
 
 
+def other_frame(bag: Bag, name: str, images: str) -> str | None:
+    """What `poses` takes for the images' own frame, where another frame of tf was named; else None."""
+    topic, _, frame = name.partition(":")
+    apart = bool(frame) and frame.lstrip("/") != images
+    return f"{topic}:{images}" if apart and bag.types.get(topic) in KINDS and images in _links(bag) else None
+
+
 def _row(message: Any, logged_ns: int) -> Row:
     if hasattr(message, "transform"):
         place, turn = message.transform.translation, message.transform.rotation

@@ -167,6 +167,9 @@ class Ros:
     tool_frames: tuple[str, ...] = ("world",)
     tool_links: tuple[str, ...] = ("base",)
     bases_link: str = "world"
+    info_frame: str = "camera"
+    info_topic: str = INFO
+    eye: str = "eye"
 
     @property
     def store(self) -> Any:
@@ -188,7 +191,7 @@ def bag(path: Path, shot: Frames, how: Ros, moved: Motion | None = None) -> Path
         if how.second_depth:
             rows.append((ns + 3, "/other/depth", make.depth(shot.depth[row], stamps[row], shot.scale)))
     if how.info:
-        rows.append((shot.ns[0], INFO, make.info(shot.ns[0])))
+        rows.append((shot.ns[0], how.info_topic, make.info(shot.ns[0])))
     rows += make.static(shot.ns[0])
     if moved is not None:
         rows += [
@@ -259,6 +262,8 @@ class _Messages:
         if kind == "compressedDepth":
             data = struct.pack("<iff", 0, 0.0, 0.0) + cv2.imencode(".png", image)[1].tobytes()
             return self.compressed(data, "16UC1; compressedDepth png", ns)
+        if kind == "png":
+            return self.compressed(cv2.imencode(".png", image)[1].tobytes(), "16UC1; png compressed ", ns)
         if kind == "inverse":
             a, b = 10100.0, 1 - 10100.0 / 10.0
             stored = np.where(image > 0, np.rint(a / np.maximum(image, 1) * scale + b), 0).astype(np.uint16)
@@ -284,7 +289,13 @@ class _Messages:
         sizes = {"height": HEIGHT * times + 2 * top, "width": WIDTH * times + 2 * left, "roi": roi}
         binned = {"binning_x": self.how.binning, "binning_y": self.how.binning}
         kind = self.types["sensor_msgs/msg/CameraInfo"]
-        return kind(header=self.header(ns), distortion_model=self.how.model, **named, **sizes, **binned)
+        return kind(
+            header=self.header(ns, self.how.info_frame),
+            distortion_model=self.how.model,
+            **named,
+            **sizes,
+            **binned,
+        )
 
     def pose(self, place: NDArray[Any], turn: NDArray[Any]) -> tuple[Any, Any]:
         point = dict(zip("xyz", (float(v) for v in place), strict=True))
@@ -307,7 +318,7 @@ class _Messages:
         base = self.link(ns, self.how.bases_link, "base", np.array([0, 0, 1.0]), np.array([1.0, 0, 0, 0]))
         return [
             (ns, "/tf_static", base),
-            (ns, "/tf_static", self.link(ns, "world", "eye", VIEW[:3, 3], turn)),
+            (ns, "/tf_static", self.link(ns, "world", self.how.eye, VIEW[:3, 3], turn)),
         ]
 
     def moved(self, t_s: float, place: NDArray[Any], turn: NDArray[Any]) -> list[tuple[int, str, Any]]:

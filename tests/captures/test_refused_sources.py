@@ -249,6 +249,21 @@ def place(tmp_path: Path, kind: str) -> Path:
             "no frame ''; choose from /tcp_pose, /tf:base, /tf:eye, /tf:tool",
         ),
         (
+            {"info_frame": "wrist", "info_topic": "/wrist/camera_info"},
+            (),
+            "/wrist/camera_info: is of 'wrist', the images are of 'camera'; name it if it is right",
+        ),
+        (
+            {"eye": "camera"},
+            ("--topic", "camera_pose=/tf:base"),
+            "the images are of the frame 'camera', which has other axes; name /tf:camera",
+        ),
+        (
+            {},
+            ("--topic", f"motion={foreign.TOOL}", "--motion", "motion.csv"),
+            "--motion, --topic: the motion is given twice; give one of them",
+        ),
+        (
             {},
             ("--topic", f"motion={foreign.COLOR}"),
             "is of type sensor_msgs/msg/Image, no pose; choose from",

@@ -113,6 +113,7 @@ def test_an_azure_kinect_s_usual_jpegs_are_read(tmp_path: Path) -> None:
         Ros(color="bgra8", depth="big"),
         Ros(color="rgba8", depth="compressedDepth"),
         Ros(kind="ros2", color="png", depth="compressedDepth"),
+        Ros(kind="ros2", color="png", depth="png"),
     ],
     ids=lambda how: f"{how.color}-{how.depth}",
 )
