@@ -314,6 +314,8 @@ def test_own_data_has_no_truth_and_says_so(results: Path, tmp_path: Path) -> Non
     assert content["headline"]["chain_rms_m"] is None
     said = " ".join(block["text"] for block in blocks_of(content, "missing"))
     assert "no truth to compare" in said
+    assert "not those of the rope that was recorded here" in json.dumps(content)
+    assert "In the laboratory, whose rope is another one: " in json.dumps(content)
     assert "laboratory's rope:" not in json.dumps(content)
 
 

@@ -34,7 +34,7 @@ def section(results: Results, figures: Path) -> Section:
     in_lab = [name for name, result in executed.items() if "laws" in result]
     blocks: list[Block] = []
     if in_lab:
-        blocks.append(Paragraph(_words()))
+        blocks.append(Paragraph(_words(own_rope=results.truth is not None)))
         drawn = [
             name
             for name in in_lab
@@ -58,11 +58,20 @@ def section(results: Results, figures: Path) -> Section:
     return Section("execution", TITLE, tuple(blocks))
 
 
-def _words() -> str:
-    return (
+def _words(own_rope: bool) -> str:
+    """own_rope: whether the laboratory's rope is the one that was recorded."""
+    text = (
         "Each learned motion was run in the virtual laboratory, whose rope is another model than the rod "
         "that learned: once elastic, once yielding plastically as the paper suspects of its own rope in "
-        "layout 2. The motions were learned with the diagnosed rod: what a rope with the same law misses of "
+        "layout 2. "
+    )
+    if not own_rope:
+        return text + (
+            "Its stiffness and its law are those of `lab.rope` in params.yaml, and not those of the rope "
+            "that was recorded here: how far it ends from the goal says what the motions do to another rope."
+        )
+    return text + (
+        "The motions were learned with the diagnosed rod: what a rope with the same law misses of "
         "the goal is the error of the model, what the other one misses is the difference in physics."
     )
 

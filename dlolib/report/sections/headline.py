@@ -97,7 +97,7 @@ def _goal_card(results: Results, value: float | None) -> Card:
     detail = f"Mean distance to the goal shape, {title(worst)}, in the rod." if worst else ""
     reached = _laboratory(results, lambda law: float(law["goal_error_m"]["mean"]), max)
     if reached:
-        detail += f" In the laboratory: {reached}."
+        detail += f" {_where(results)}: {reached}."
     return Card(
         "Worst goal error",
         millimetres(value),
@@ -120,13 +120,20 @@ def _clearance_card(results: Results, value: float | None) -> Card:
     detail = f"Rope's surface to the nearest obstacle, {title(least)}, in the rod." if least else ""
     reached = _laboratory(results, lambda law: law["min_clearance_m"], min)
     if reached:
-        detail += f" In the laboratory: {reached}."
+        detail += f" {_where(results)}: {reached}."
     return Card(
         "Smallest clearance",
         millimetres(value),
         "mm",
         detail,
         f"dvc repro learn@{least}" if least else "dvc repro",
+    )
+
+
+def _where(results: Results) -> str:
+    """Whose rope the laboratory's is."""
+    return (
+        "In the laboratory" if results.truth is not None else "In the laboratory, whose rope is another one"
     )
 
 
