@@ -55,9 +55,9 @@ def hidden_by(grids: list[Floats], depths_m: list[Floats], radii_px: list[Floats
 
 
 def unhidden(view: View, hidden: Mask) -> View:
-    """The same view without levels and depth where something hides the rope (H, W)."""
+    """The same view without levels where something hides the rope (H, W)."""
     levels = None if view.levels is None else np.where(hidden, np.float32(np.inf), view.levels)
-    return replace(view, levels=levels, depth_m=np.where(hidden, np.float32(0), view.depth_m))
+    return replace(view, levels=levels)
 
 
 def by_free_edge(

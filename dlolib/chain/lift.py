@@ -100,16 +100,17 @@ def lift(
     sections = Sections.of(grids, view.pixels, width)
     depths = _depths(grids, sections.take(view.read), width, view)
     radii = _radii(grids, depths, width, view, radius_m)
+    counting = view.read
     if fine:
-        hidden = hidden_by(grids, depths, radii, view)
+        hidden, lit = hidden_by(grids, depths, radii, view), view
         if hidden.any():
             grids = by_free_edge(grids, radii, hidden, view, by_light)
             radii = _stretched(radii, grids)
-            view = unhidden(view, hidden)
-        grids, errors = shaded_middles(grids, radii, radius_m > 0, view, by_light)
+            lit, counting = unhidden(view, hidden), view.read & ~hidden[view.mask]
+        grids, errors = shaded_middles(grids, radii, radius_m > 0, lit, by_light)
         radii = _stretched(radii, grids)
         sections = Sections.of(grids, view.pixels, width)
-    readings = sections.take(view.read)
+    readings, cloud_m = sections.take(counting), view.cloud_m[counting[view.read]]
     strands = []
     beside = contested(grids, width)
     full = whole(radii, view, sections)
@@ -118,7 +119,7 @@ def lift(
         strand = _read_depth(
             grid,
             readings.take(mine),
-            view.cloud_m[mine],
+            cloud_m[mine],
             beside[number],
             view,
             radius_m,
