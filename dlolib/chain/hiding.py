@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from dlolib.captures.base import Mask
 from dlolib.chain.centre import Sections, beside, resampled
+from dlolib.chain.shading import MARGIN_PX
 from dlolib.chain.view import View
 from dlolib.types import Floats
 
@@ -24,7 +25,6 @@ SMALLEST_PX, MIXED_PX = 3, 1
 SAMPLES = 5
 # By how much more than that a section is narrower than the rope something hides its side [px].
 NARROWER_PX = 0.3
-MARGIN_PX = 2.5
 
 
 def hidden_by(grids: list[Floats], depths_m: list[Floats], radii_px: list[Floats], view: View) -> Mask:
