@@ -94,8 +94,8 @@ def _tied(
 ) -> list[Fitted]:
     """The first of the models, and those that are as good without having more than another of them has.
 
-    As good is what is no further behind in BIC than a tie, or than laws' forms may put it, here and on
-    held-out motion.
+    As good is what is no further behind in BIC than a tie, or than laws' forms may put it, and no further on
+    held-out motion than chance or these may.
     """
     if not models:
         return []
@@ -109,8 +109,8 @@ def _tied(
 
     def good(one: Fitted) -> bool:
         share = _imitated(one, best)
-        by_form = behind(one) < share * (base.chi2 - one.chi2) and _as_far(one, best, foretold, share)
-        return behind(one) < settings.tie or by_form
+        allowed = max(settings.tie, share * (base.chi2 - one.chi2))
+        return behind(one) < allowed and _as_far(one, best, foretold, share)
 
     tie = [one for one in models if good(one)]
     return [one for one in tie if one is best or not any(set(o.effects) < set(one.effects) for o in tie)]
@@ -151,24 +151,24 @@ def _doubtful(
     settings: DiagnoseSettings,
     foretold: Mapping[Effects, Foretold],
 ) -> list[Fitted]:
-    """What the best model lacks perhaps: models with a further effect that gains more than chance would, and
-    on held-out motion, too, but no more than a law's form may be off. Of these the best."""
-    by_best = foretold.get(best.effects)
+    """What the best model lacks perhaps: the best of those with a further effect that is not worth its place.
 
-    def borne_out(one: Fitted) -> bool:
+    Such a one gains more than chance would but no more than a law's form may be off, and held-out motion does
+    not speak against it by more than chance. Or it gains no more than chance might but more in BIC than a
+    tie, and held-out motion speaks for it.
+    """
+    by_best, frames = foretold.get(best.effects), study.frames
+
+    def doubted(one: Fitted) -> bool:
         told = foretold.get(one.effects)
-        return told is None or by_best is None or told.against(by_best)[0] < 0
+        worse, error = (0.0, None) if told is None or by_best is None else told.against(by_best)
+        if _beyond_chance(one, searched, settings):
+            return not _beyond_form(one, searched) and worse <= WORSE * (error or 0.0)
+        return one.bic(frames) + settings.tie < best.bic(frames) and worse <= 0
 
-    found = [
-        one
-        for one in searched.models
-        if set(best.effects) < set(one.effects)
-        and _beyond_chance(one, searched, settings)
-        and not _beyond_form(one, searched)
-        and borne_out(one)
-    ]
-    least = min((one.bic(study.frames) for one in found), default=np.inf)
-    return [one for one in found if one.bic(study.frames) < least + settings.tie]
+    found = [one for one in searched.models if set(best.effects) < set(one.effects) and doubted(one)]
+    least = min((one.bic(frames) for one in found), default=np.inf)
+    return [one for one in found if one.bic(frames) < least + settings.tie]
 
 
 def _earned(model: Fitted, searched: Searched, settings: DiagnoseSettings) -> bool:

@@ -21,6 +21,8 @@ LARGEST = 1e100
 UNIT_TOLERANCE = 1e-2
 POSITIVE = ("radius_m", "height_m", "size_m")
 MILLIMETRES = "looks like millimetres; divide by 1000"
+# No rope is denser than platinum; one of a density given in g/m is a thousand times too heavy.
+DENSEST_KG_M3 = 22e3
 
 Vector3 = Annotated[tuple[float, float, float], Field(strict=False)]
 Vector4 = Annotated[tuple[float, float, float, float], Field(strict=False)]
@@ -53,6 +55,18 @@ class RopeModel(Strict):
     def _slender(self) -> RopeModel:
         if self.diameter_m is not None and self.diameter_m >= self.length_m:
             raise ValueError(f"diameter_m = {self.diameter_m:g} is not less than length_m: {MILLIMETRES}")
+        return self
+
+    @model_validator(mode="after")
+    def _of_a_material(self) -> RopeModel:
+        if self.diameter_m is None or self.linear_density_kg_m is None:
+            return self
+        density = self.linear_density_kg_m / (0.25 * np.pi * self.diameter_m**2)
+        if density > DENSEST_KG_M3:
+            raise ValueError(
+                f"linear_density_kg_m = {self.linear_density_kg_m:g} of diameter_m = {self.diameter_m:g} is "
+                f"{density:.2g} kg/m³, more than any material has: g/m are to be divided by 1000"
+            )
         return self
 
     def rope(self) -> Rope:

@@ -6,7 +6,7 @@ from pathlib import Path, PurePosixPath
 from typing import Annotated, Any
 
 import pandas as pd
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from dlolib.errors import FormatError
 from dlolib.files import write_csv, write_json
@@ -39,6 +39,14 @@ class CameraModel(Strict):
     cy: float | None = None
     depth_scale: float | None = Field(default=None, gt=0)
     world_from_camera: list[list[float]]
+    distortion: list[float] | dict[str, float] | None = None
+
+    @field_validator("distortion")
+    @classmethod
+    def _pinhole(cls, value: list[float] | dict[str, float] | None) -> None:
+        """No distortion (formats.md has none): with another camera model every point would be off."""
+        if value and any(value.values() if isinstance(value, dict) else value):
+            raise ValueError("a capture's camera is a pinhole: undistort the images and leave this out")
 
 
 class CaptureScene(Scene):

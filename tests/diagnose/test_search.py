@@ -12,7 +12,7 @@ from dlolib.diagnose import search
 from dlolib.diagnose.fitting import Fitted
 from dlolib.diagnose.search import _refined, _settled
 from dlolib.diagnose.study import DiagnoseSettings, Study
-from dlolib.diagnose.tasks import Task
+from dlolib.diagnose.tasks import Promise, Task, Terms
 from dlolib.diagnose.workers import Workers
 from dlolib.identify.parameters import Unknown
 
@@ -113,3 +113,27 @@ def test_a_pair_that_ties_in_its_best_form_leads_further(monkeypatch: pytest.Mon
     study = cast(Study, SimpleNamespace(frames=70, seen=[SimpleNamespace(model=None)], rigid=lambda _: False))
     best = search.search(study, DiagnoseSettings(), cast(Workers, None)).models[0]
     assert best.effects == (clamp, soft)
+
+
+def test_what_no_linear_step_foretells_is_fitted_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Friction that holds the rope fast has no derivative: beside inertia it was passed over."""
+    found = [("contact_friction", ("coefficient",)), ("plastic_bending", ("yield_curvature",))]
+    found += [("lateral_load", ("x", "y", "z")), ("end_twist", ("end",))]
+
+    def beginning(
+        study: Study, at: Fitted, have: Terms, name: str, form: tuple[str, ...], *_: Any
+    ) -> list[Task]:
+        return [Task({**have, name: form}, (), (), 1)]
+
+    def run(function: Callable[[Study, Task], Any], jobs: Sequence[Task], what: str) -> list[Any]:
+        if what.startswith("fits"):
+            return [fitted(7000.0, tuple(job.terms), list(job.terms.values())[-1]) for job in jobs]
+        return [(Promise(7000.0 if "end_twist" in job.terms else 9999.0, np.zeros(1)),) for job in jobs]
+
+    monkeypatch.setattr(search, "library", lambda *_: found)
+    monkeypatch.setattr(search, "hints_of", lambda *_: [])
+    monkeypatch.setattr(search, "beginnings", beginning)
+    monkeypatch.setattr(search, "_refined", lambda study, fits, *_: fits)
+    inert = fitted(8000.0, ("inertia_drag",), ("drag",))
+    best = search._partners(STUDY, inert, DiagnoseSettings(), cast(Workers, run))
+    assert {one.effects[-1] for one in best} == {"contact_friction", "plastic_bending", "end_twist"}

@@ -69,6 +69,8 @@ def refused(folder: Path, name: str) -> str:
         ("camera.fx", 0, "camera.fx: Input should be greater than 0, got 0"),
         ("camera.fy", None, "camera.fy: null; images need it"),
         ("camera.width", 640.5, "camera.width"),
+        ("camera.distortion", [-0.3, 0.1, 0, 0, 0], "camera.distortion: a capture's camera is a pinhole"),
+        ("camera.distortion", {"k1": -0.3}, "a capture's camera is a pinhole: undistort the images"),
         ("camera.depth_scale", 0.001, "looks like metres per unit; give 1000"),
         ("camera.world_from_camera", [[1, 0, 0, 0]] * 4, "camera.world_from_camera: is no 4 x 4"),
         ("camera.world_from_camera", np.diag([1.0, 1, -1, 1]).tolist(), "is no rotation"),
@@ -92,6 +94,13 @@ def test_a_bad_key_is_named(tmp_path: Path, key: str, value: Any, says: str) -> 
     folder = samples.capture_folder(tmp_path / "c")
     samples.set_key(folder / "capture.json", key, value)
     assert says in refused(folder, "capture.json")
+
+
+@pytest.mark.parametrize("none", [[0, 0, 0, 0, 0], {"k1": 0.0}, None])
+def test_a_camera_may_say_that_it_has_no_distortion(tmp_path: Path, none: Any) -> None:
+    folder = samples.capture_folder(tmp_path / "c")
+    samples.set_key(folder / "capture.json", "camera.distortion", none)
+    read_capture_index(folder)
 
 
 @pytest.mark.parametrize(

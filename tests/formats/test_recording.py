@@ -117,6 +117,7 @@ def refused(folder: Path, name: str) -> str:
         ("object.length_m", 0, "object.length_m: Input should be greater than 0"),
         ("object.diameter_m", 8, "looks like millimetres; divide by 1000"),
         ("object.linear_density_kg_m", -1, "object.linear_density_kg_m: Input should be greater than 0"),
+        ("object.linear_density_kg_m", 40, "8e+05 kg/m³, more than any material has: g/m are to be divided"),
         ("gravity_m_s2", [0, -9.81], "gravity_m_s2"),
         ("gravity_m_s2", [0, 0, -9810], "looks like millimetres"),
         ("ends.end", "glued", "ends.end: Input should be 'clamped' or 'free', got 'glued'"),

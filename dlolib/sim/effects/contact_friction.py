@@ -12,6 +12,8 @@ NAME = "contact_friction"
 SAYS = "the rope rubs against an obstacle"
 PARAMETERS = (Parameter("coefficient", "", "friction over normal force", 0.0, 0.0, 3.0, 0.05, (0.3,)),)
 IDEAL = True
+# Where it holds the rope fast it does not slide, and how it would shows in no derivative.
+ABRUPT = True
 
 
 def apply(setup: Setup, values: Mapping[str, float]) -> Setup:
