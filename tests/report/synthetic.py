@@ -396,3 +396,8 @@ def _write_chain_bench(path: Path) -> None:
 
 def _estimate(value: float) -> dict[str, object]:
     return {"value": value, "low": 0.9 * value, "high": 1.1 * value, "unit": "N m^2"}
+
+
+def blocks_of(content: dict, kind: str) -> list[dict]:
+    """The blocks of one kind in a report.json, in order."""
+    return [block for part in content["sections"] for block in part["blocks"] if block["kind"] == kind]

@@ -1,0 +1,166 @@
+"""Reports of a run of which something is missing, unreadable or left out, and what no report may replace."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+from report.synthetic import LAYOUTS, blocks_of, write_results, write_robot_log
+
+from dlolib.errors import DloError, FormatError
+from dlolib.files import write_json
+from dlolib.report import Results, build_report, collect
+from dlolib.report.headline import headline
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_own_data_has_no_truth_and_says_so(results: Path, tmp_path: Path) -> None:
+    content = collect(Results(results, results.parent / "data", has_truth=False), tmp_path / "figures")
+    assert content["headline"]["chain_rms_m"] is None
+    said = " ".join(block["text"] for block in blocks_of(content, "missing"))
+    assert "no truth to compare" in said
+    assert "not those of the rope that was recorded here" in json.dumps(content)
+    assert "In the laboratory, whose rope is another one: " in json.dumps(content)
+    assert "laboratory's rope:" not in json.dumps(content)
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_logs_of_a_robot_stand_beside_the_plan(tmp_path: Path) -> None:
+    results = write_results(tmp_path, execution=False)
+    write_robot_log(results / "execute" / LAYOUTS[0])
+    content = collect(Results(results, tmp_path / "data"), tmp_path / "figures")
+    assert any(figure["file"] == "figures/tracking.svg" for figure in blocks_of(content, "figure"))
+    assert "protective stop" in json.dumps(content)
+
+
+def test_what_was_taken_out_of_the_parameters_is_no_longer_reported(results: Path) -> None:
+    data, kept = results.parent / "data", ["layout_2", "layout_3"]
+    paths = {"captured": "data/recordings/captured", "wire_white": "data/wires/wire_white"}
+    parameters = {"layouts": kept, "recordings": {name: {"path": path} for name, path in paths.items()}}
+    now = Results(results, data, parameters=parameters)
+    assert now.layouts == ("layout_2", "layout_3")
+    assert now.recordings == ("captured", "wire_white")
+    assert set(now.diagnosed) <= {"captured", "wire_white"}
+    before, after = headline(Results(results, data)), headline(now)
+    assert after["worst_goal_error_m"] < before["worst_goal_error_m"]
+
+
+def test_empty_results_make_a_report_of_sentences(tmp_path: Path) -> None:
+    (tmp_path / "reports").mkdir()
+    build_report(tmp_path / "reports", tmp_path / "out")
+    content = json.loads((tmp_path / "out" / "report.json").read_text(encoding="utf-8"))
+    assert not blocks_of(content, "figure")
+    assert len(blocks_of(content, "missing")) >= 8
+    assert all(value is None for value in content["headline"].values())
+
+
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize(
+    ("gone", "sentence"),
+    [
+        ("reports/identify", "Nothing was identified yet"),
+        ("reports/identify/captured/loss.csv", "no loss curve"),
+        ("reports/identify/wire_black/shapes.csv", "no simulated shapes of the recording `wire_black`"),
+        ("reports/learn", "Nothing was learned yet"),
+        ("reports/learn/layout_1/ablation.csv", "ablation has not run"),
+        ("reports/learn/layout_2/shapes.csv", "no shapes to draw for Layout 2"),
+        ("data/layouts/layout_2", "no shapes to draw for Layout 2"),
+        ("reports/execute", "Nothing was executed"),
+        ("reports/bench.json", "Nothing was measured beside the peers"),
+        ("reports/chain_bench.json", "not held against rendered ropes"),
+        ("reports/proof", "blind proof was not run"),
+        ("reports/practice.json", "practice recordings were not diagnosed"),
+        ("reports/cables.json", "cables were not run"),
+        ("reports/sweeps.json", "sweeps were not diagnosed"),
+        ("reports/deform.json", "swung cables were not foretold"),
+        ("reports/elastic.json", "elastic laboratory was not run"),
+        ("reports/solvers.json", "two solvers were not compared"),
+        ("data/truth", "no truth to compare"),
+        ("data/capture", "no images under this recording"),
+        ("data/recordings/captured", "No chain is there"),
+    ],
+)
+def test_one_missing_input_gives_a_sentence(results: Path, tmp_path: Path, gone: str, sentence: str) -> None:
+    copy = tmp_path / "run"
+    shutil.copytree(results.parent, copy)
+    path = copy / gone
+    shutil.rmtree(path) if path.is_dir() else path.unlink()
+    content = collect(Results(copy / "reports", copy / "data"), tmp_path / "figures")
+    assert sentence in " ".join(block["text"] for block in blocks_of(content, "missing"))
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_unreadable_result_is_refused_and_nothing_written(results: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "run"
+    shutil.copytree(results.parent, copy)
+    (copy / "reports" / "learn" / LAYOUTS[1] / "result.json").write_text("{", encoding="utf-8")
+    with pytest.raises(DloError, match=r"layout_2.result\.json.*no JSON"):
+        build_report(copy / "reports", copy / "out")
+    assert not (copy / "out").exists()
+
+
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize(
+    ("file", "key", "said"),
+    [
+        ("result.json", "min_clearance_m", "has no min_clearance_m"),
+        ("curve.csv", "contact_margin_m", "has no column"),
+    ],
+)
+def test_a_result_without_a_figure_is_refused_in_one_line(
+    results: Path, tmp_path: Path, file: str, key: str, said: str
+) -> None:
+    copy = tmp_path / "run"
+    shutil.copytree(results.parent, copy)
+    path = copy / "reports" / "learn" / LAYOUTS[0] / file
+    path.write_text(path.read_text(encoding="utf-8").replace(key, "other"), encoding="utf-8")
+    with pytest.raises(FormatError, match=rf"layout_1.{re.escape(file)}: {said}.*; run its stage again"):
+        collect(Results(copy / "reports", copy / "data"), tmp_path / "figures")
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_without_obstacles_there_is_no_clearance_and_none_is_missing(results: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "run"
+    shutil.copytree(results.parent, copy)
+    for path in (copy / "reports" / "learn").glob("*/result.json"):
+        write_json(path, json.loads(path.read_text(encoding="utf-8")) | {"min_clearance_m": None})
+    content = collect(Results(copy / "reports", copy / "data"), tmp_path / "figures")
+    (cards,) = blocks_of(content, "cards")
+    (card,) = [card for card in cards["items"] if card["label"] == "Smallest clearance"]
+    assert (card["value"], card["detail"]) == ("none", "No layout has an obstacle.")
+    assert "Not there yet" not in json.dumps(content["sections"][0])
+
+
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize(
+    "there", ["report.pdf", "report.html", "figures/photo.txt", "report.json", "report.pdf/inside"]
+)
+def test_what_no_report_left_stays(results: Path, tmp_path: Path, there: str) -> None:
+    out = tmp_path / "thesis"
+    (out / there).parent.mkdir(parents=True)
+    (out / there).write_text("{}", encoding="utf-8")
+    if "inside" not in there:
+        (out / "report.json").write_text('{"format": "mine"}', encoding="utf-8")
+    before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    with pytest.raises(DloError, match="is there and of no report; write to a folder of its own"):
+        build_report(results, out)
+    assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_what_the_parameters_name_no_more_is_not_reported(results: Path, tmp_path: Path) -> None:
+    kept = [name for name in Results(results, results.parent / "data").recordings if name != "captured"]
+    parameters = {"recordings": dict.fromkeys(kept), "layouts": [LAYOUTS[0]]}
+    source = Results(results, results.parent / "data", parameters=parameters)
+    assert source.recordings == tuple(sorted(kept)) and source.fit("captured") is None
+    assert source.json("identify", "captured", "summary.json") is None
+    content = collect(source, tmp_path / "figures")
+    assert content["headline"]["ei_n_m2"] is None and content["headline"]["residual_m"] is None
+
+
+def test_missing_folder_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(DloError, match="no such folder"):
+        build_report(tmp_path / "nothing", tmp_path / "out")
