@@ -68,7 +68,11 @@ def noise_gain(weights: Floats, half_wave: float) -> Floats:
 
 def _system(weights: Floats, half_wave: float) -> tuple[csr_array, csc_array, Floats]:
     """The splines (N, K), the same turned (K, N), and their normal equations, in the upper banded form of
-    scipy.linalg."""
+    scipy.linalg.
+
+    No wave is shorter than two samples: else nothing would carry the curve across what was not read.
+    """
+    half_wave = max(half_wave, 1.0)
     steps = max(int(np.ceil((len(weights) - 1) / max(half_wave / SPLINES, 1.0))), 1)
     step = (len(weights) - 1) / steps
     basis, turned, penalty = _splines(len(weights), steps)

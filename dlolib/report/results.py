@@ -36,6 +36,8 @@ LEARNED = (
     "starts",
 )
 """What a learned motion's result.json must say."""
+PLAYED = ("goal_error_m", "rod_error_m", "min_clearance_m")
+"""What that of a motion played in the laboratory must say of each rope."""
 
 
 @dataclass(frozen=True)
@@ -97,11 +99,25 @@ class Results:
             FormatError: it does not say what it must.
         """
         found = self.json("learn", name, "result.json")
-        absent = [key for key in LEARNED if found is not None and key not in found]
-        if absent:
-            path = self.folder / "learn" / name / "result.json"
-            raise FormatError(f"has no {', '.join(absent)}", file=path, mend="run its stage again")
+        if found is not None:
+            _check_says(found, LEARNED, self.folder / "learn" / name / "result.json")
         return found
+
+    def played(self, name: str, *apart: str) -> dict[str, dict[str, Any]]:
+        """What came of a layout's motion in the laboratory, by rope; none where a robot ran it, or nobody.
+
+        Args:
+            name: the layout.
+            apart: the folder of a run apart: `without` the verdict.
+
+        Raises:
+            FormatError: it does not say what it must.
+        """
+        parts = ("execute", name, *apart, "result.json")
+        ropes: dict[str, dict[str, Any]] = (self.json(*parts) or {}).get("laws", {})
+        for rope, found in ropes.items():
+            _check_says(found, PLAYED, self.folder.joinpath(*parts), f"laws.{rope}")
+        return ropes
 
     def fit(self, name: str) -> Fit | None:
         """What identification found for a recording."""
@@ -212,3 +228,9 @@ def _folders(path: Path) -> list[str]:
         if path.is_dir()
         else []
     )
+
+
+def _check_says(found: Mapping[str, Any], keys: Sequence[str], path: Path, place: str | None = None) -> None:
+    absent = [key for key in keys if key not in found]
+    if absent:
+        raise FormatError(f"has no {', '.join(absent)}", file=path, place=place, mend="run its stage again")

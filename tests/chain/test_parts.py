@@ -180,6 +180,13 @@ def test_the_smoother_bridges_readings_without_weight() -> None:
     np.testing.assert_allclose(smoothed(wild, weights, 10), at**2, atol=1e-4)
 
 
+@pytest.mark.parametrize("half_wave", [0.02, 1.0, 10.0])
+def test_no_wave_is_too_short_to_carry_the_curve_across_a_gap(half_wave: float) -> None:
+    readings, weights = np.arange(300) / 20.0, np.ones(300)
+    weights[40:260] = 0
+    assert smoothed(np.where(weights, readings, 7.0), weights, half_wave) == pytest.approx(readings, abs=0.01)
+
+
 def test_samples_too_few_to_smooth_take_no_reading_of_weight_0() -> None:
     """As where depth was read nowhere near: what stands there is a 0, a point at the camera."""
     weights = np.array([0.0, 3.0, 0.0, 1.0])

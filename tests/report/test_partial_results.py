@@ -106,8 +106,9 @@ def test_unreadable_result_is_refused_and_nothing_written(results: Path, tmp_pat
 @pytest.mark.parametrize(
     ("file", "key", "said"),
     [
-        ("result.json", "min_clearance_m", "has no min_clearance_m"),
-        ("curve.csv", "contact_margin_m", "has no column"),
+        ("learn/layout_1/result.json", "min_clearance_m", "has no min_clearance_m"),
+        ("learn/layout_1/curve.csv", "contact_margin_m", "has no column"),
+        ("execute/layout_1/result.json", "rod_error_m", "laws.elastic: has no rod_error_m"),
     ],
 )
 def test_a_result_without_a_figure_is_refused_in_one_line(
@@ -115,9 +116,9 @@ def test_a_result_without_a_figure_is_refused_in_one_line(
 ) -> None:
     copy = tmp_path / "run"
     shutil.copytree(results.parent, copy)
-    path = copy / "reports" / "learn" / LAYOUTS[0] / file
+    path = copy / "reports" / file
     path.write_text(path.read_text(encoding="utf-8").replace(key, "other"), encoding="utf-8")
-    with pytest.raises(FormatError, match=rf"layout_1.{re.escape(file)}: {said}.*; run its stage again"):
+    with pytest.raises(FormatError, match=rf"{re.escape(file)}: {said}.*; run its stage again"):
         collect(Results(copy / "reports", copy / "data"), tmp_path / "figures")
 
 

@@ -150,9 +150,7 @@ def _ablation(results: Results) -> tuple[Row, ...]:
 def _execution(results: Results) -> tuple[Row, ...]:
     texts = []
     for name in results.layouts:
-        # the logs of a robot have no laws
-        laws = (results.json("execute", name, "result.json") or {}).get("laws")
-        if laws:
+        if laws := results.played(name):
             means = {law: found["goal_error_m"]["mean"] for law, found in laws.items()}
             told = ", ".join(f"{law} {millimetres(mean)} mm" for law, mean in means.items())
             texts.append(f"{title(name)}: {told}")

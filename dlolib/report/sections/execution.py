@@ -21,6 +21,8 @@ TITLE = "Execution against plan"
 LAWS = {"elastic": ("laboratory, elastic rope", ELASTIC), "plastic": ("laboratory, plastic rope", PLASTIC)}
 POSE = [f"actual_TCP_pose_{axis}" for axis in range(3)]
 TARGET = [f"target_TCP_pose_{axis}" for axis in range(3)]
+# What came of one layout's motion, by rope.
+Played = Mapping[str, Mapping[str, Any]]
 
 
 def section(results: Results, figures: Path) -> Section:
@@ -31,7 +33,7 @@ def section(results: Results, figures: Path) -> Section:
     if not executed:
         missing = Missing("Nothing was executed: `dvc repro execute` runs the motions in the laboratory.")
         return Section("execution", TITLE, (missing,))
-    in_lab = [name for name, result in executed.items() if "laws" in result]
+    in_lab = {name: played for name in executed if (played := results.played(name))}
     blocks: list[Block] = []
     if in_lab:
         blocks.append(Paragraph(_words(own_rope=results.truth is not None)))
@@ -42,14 +44,10 @@ def section(results: Results, figures: Path) -> Section:
         ]
         if drawn:
             blocks.append(_shapes(results, drawn, figures))
-        blocks.append(_table(results, executed, in_lab))
-        without = {
-            name: found
-            for name in in_lab
-            if (found := results.json("execute", name, "without", "result.json")) is not None
-        }
+        blocks.append(_table(results, in_lab))
+        without = {name: played for name in in_lab if (played := results.played(name, "without"))}
         if without:
-            blocks.append(_without(executed, without))
+            blocks.append(_without(in_lab, without))
     by_robot = [name for name in executed if name not in in_lab]
     if by_robot:
         blocks += _robot(results, executed, by_robot, figures)
@@ -160,13 +158,13 @@ def _last_shape(shapes: pd.DataFrame) -> Floats | None:
     return np.asarray(last[["x_m", "y_m", "z_m"]])
 
 
-def _table(results: Results, executed: dict[str, dict[str, Any]], names: list[str]) -> Table:
+def _table(results: Results, played: Mapping[str, Played]) -> Table:
     rows = []
-    for name in names:
+    for name, ropes in played.items():
         plan = results.learned(name)
         if plan is not None:
             rows.append((title(name), "plan (rod)", *_figures(plan), ABSENT))
-        for law, found in executed[name]["laws"].items():
+        for law, found in ropes.items():
             rod = found["rod_error_m"]
             departure = ABSENT if rod is None else millimetres(rod["mean"], 2)
             rows.append(("" if plan else title(name), LAWS[law][0], *_figures(found), departure))
@@ -189,12 +187,12 @@ def _table(results: Results, executed: dict[str, dict[str, Any]], names: list[st
     )
 
 
-def _without(executed: Mapping[str, dict[str, Any]], without: Mapping[str, dict[str, Any]]) -> Table:
+def _without(played: Mapping[str, Played], without: Mapping[str, Played]) -> Table:
     """The error at the goal of paths learned with the verdict's rod and with the best elastic one."""
     rows = []
     for name, bare in without.items():
-        for law, found in bare["laws"].items():
-            named = executed[name]["laws"].get(law)
+        for law, found in bare.items():
+            named = played[name].get(law)
             if named is None:
                 continue
             pair = (named["goal_error_m"], found["goal_error_m"])
