@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from dlolib.errors import ParameterError
-from dlolib.types import Estimate, Fit, Rope
+from dlolib.types import PER_DENSITY, Estimate, Fit, Rope
 
 STIFFNESSES = ("bending_stiffness", "torsional_stiffness")
 NAMES = (*STIFFNESSES, "linear_density")
@@ -111,8 +111,9 @@ def parse_topics(given: Sequence[str]) -> dict[str, str]:
 def rope_values(rope: Rope, name: str, fit: Fit | None, values: Mapping[str, float]) -> RopeValues:
     """The rope of the recording or layout `name` with a fit's parameters and, over them, given values.
 
-    The fit's nuisances apply to the recording that they are stored under. Stiffnesses over density are
-    multiplied by the rope's density, or stay where it is not known (it is then simulated as 1 kg/m).
+    The fit's nuisances apply to the recording that they are stored under. Stiffnesses over density, forces
+    and masses that are such are multiplied by the rope's density, or stay where it is not known (it is then
+    simulated as 1 kg/m).
     A torsional stiffness that nothing tells equals the bending stiffness, as for a round solid rope to
     within a third.
 
@@ -127,7 +128,8 @@ def rope_values(rope: Rope, name: str, fit: Fit | None, values: Mapping[str, flo
         if key in STIFFNESSES and rope.linear_density_kg_m is None:
             problem = f"{key} is in {estimate.unit}, but the density of {rope.name} is not known"
             raise ParameterError(problem, place="--fit", mend="give --set linear_density=VALUE")
-        ratio = (rope.linear_density_kg_m or 1.0) if key.endswith(RATIO) else 1.0
+        of_density = key.endswith(RATIO) or estimate.unit.endswith(PER_DENSITY)
+        ratio = (rope.linear_density_kg_m or 1.0) if of_density else 1.0
         known = key.removesuffix(RATIO)
         parameters[known] = parameters.get(known, 0.0) + estimate.value * ratio
     if rope.linear_density_kg_m is None and any(key in values for key in STIFFNESSES):

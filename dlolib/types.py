@@ -190,9 +190,16 @@ class Layout:
     goal_m: Floats
 
 
+PER_DENSITY = " per kg/m"
+
+
 @dataclass(frozen=True)
 class Estimate:
-    """A value with its 95 % interval (None where unbounded) and unit."""
+    """A value with its 95 % interval (None where unbounded) and unit.
+
+    The unit of a force or a mass ends with `PER_DENSITY` where the rope's density is not known: so much for
+    each kg/m that it has.
+    """
 
     value: float
     low: float | None

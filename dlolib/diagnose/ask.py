@@ -20,6 +20,8 @@ RATE_HZ, FRAMES, POINTS = 20.0, 60, 30
 ROLL_RAD, ROLL_RAD_S, HOLD_S = np.deg2rad(120.0), 0.5, 20.0
 QUICKER = 3.0
 FEWEST_ROWS = 3
+# A row that is reached from the one before in less is the same pose.
+STILL_S = 1e-7
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,7 @@ def next_motion(study: Study, one: Fitted, other: Fitted) -> Asked | None:
 
 def menu(motion: Motion) -> list[tuple[str, Motion]]:
     """What a robot can do from the motion's last pose within the speed of the motion itself."""
-    speed = _speed(motion)
+    speed, turning_speed = _speed(motion), max(ROLL_RAD_S, _turning_speed(motion))
     last, bent = _pose(motion, -1), _pose(motion, _most_bent(motion))
     there = _go(last, bent, speed)
     # back through where it began: from one side straight to the other would be the short way round
@@ -60,13 +62,18 @@ def menu(motion: Motion) -> list[tuple[str, Motion]]:
         at = pose
     back = _go(bent, last, speed)
     arcs = _arc(motion)
+    quick, opposite = _timed(arcs, QUICKER * speed, QUICKER * turning_speed), _mirrored(arcs)
     whole = [
         ("roll the wrist by 120 degrees both ways at the most bent pose", _joined([*turning, back])),
-        ("move along the same arc on the opposite side, out and back", _timed(_mirrored(arcs), speed)),
+        (
+            "move along the same arc on the opposite side, out and back",
+            _timed(opposite, speed, turning_speed),
+        ),
         ("hold the most bent pose for 20 s", _joined([there, _go(bent, bent, speed, HOLD_S), back])),
-        ("move along the same arc three times as fast", _timed(arcs, QUICKER * speed)),
+        ("move along the same arc three times as fast", quick),
     ]
-    # the arc of an end that only turned is a point
+    if not np.ptp(arcs.end_m, axis=0).any():  # the arc of an end that only turned is a point
+        whole = whole[::2]
     return [(says, one) for says, one in whole if len(one.t_s) >= FEWEST_ROWS]
 
 
@@ -82,6 +89,29 @@ def _speed(motion: Motion) -> float:
     way = np.linalg.norm(np.diff(motion.end_m, axis=0), axis=1)
     moving = way > 1e-6
     return float(way[moving].sum() / np.diff(motion.t_s)[moving].sum()) if moving.any() else 0.05
+
+
+def _turning_speed(motion: Motion) -> float:
+    """Of the ends while they turn [rad/s]."""
+    turn = _turns(motion)
+    turning = turn > 1e-6
+    return float(turn[turning].sum() / np.diff(motion.t_s)[turning].sum()) if turning.any() else 0.0
+
+
+def _ways(motion: Motion) -> Floats:
+    """How far the further moved end goes from row to row (T - 1,) [m]."""
+    ways = [np.linalg.norm(np.diff(x, axis=0), axis=1) for x in (motion.start_m, motion.end_m)]
+    return np.asarray(np.nanmax([np.nan_to_num(way) for way in ways], axis=0))
+
+
+def _turns(motion: Motion) -> Floats:
+    """How far the further turned end turns from row to row (T - 1,) [rad]."""
+    found = np.zeros(len(motion.t_s) - 1)
+    for q in (motion.start_q, motion.end_q):
+        if not np.isnan(q).any():
+            turns = Rotation.from_quat(q, scalar_first=True)
+            found = np.maximum(found, (turns[:-1].inv() * turns[1:]).magnitude())
+    return found
 
 
 def _most_bent(motion: Motion) -> int:
@@ -102,19 +132,27 @@ def _alike(q: Floats, other: Floats) -> Floats:
 
 
 def _go(one: Pose, other: Pose, speed: float, least_s: float = 0.0) -> Motion:
-    """From pose to pose in a straight line, turning evenly."""
-    way = float(np.nanmax([np.linalg.norm(other[2] - one[2]), 0.0]))
-    first, second = (Rotation.from_quat(p[3], scalar_first=True) for p in (one, other))
-    turn = (first.inv() * second).as_rotvec()
-    duration = max(way / speed, float(np.linalg.norm(turn)) / ROLL_RAD_S, least_s, 2 / RATE_HZ)
+    """From pose to pose in a straight line, turning evenly; both ends."""
+    both = Motion(np.arange(2.0), *(np.stack(pair) for pair in zip(one, other, strict=True)))
+    way, turn = float(_ways(both)[0]), float(_turns(both)[0])
+    duration = max(way / speed, turn / ROLL_RAD_S, least_s, 2 / RATE_HZ)
     t = np.linspace(0, duration, int(np.ceil(duration * RATE_HZ)) + 1)
     share = (t / duration)[:, None]
+    start_m, end_m = (one[k] + share * (other[k] - one[k]) for k in (0, 2))
+    return Motion(t, start_m, _turning(one[1], other[1], share), end_m, _turning(one[3], other[3], share))
+
+
+def _turning(one: Floats, other: Floats, share: Floats) -> Floats:
+    """Frames (T, 4) from one to another; a free end has none."""
+    if np.isnan(one).any() or np.isnan(other).any():
+        return np.full((len(share), 4), np.nan)
+    first, second = (Rotation.from_quat(q, scalar_first=True) for q in (one, other))
+    turn = (first.inv() * second).as_rotvec()
     q = (first * Rotation.from_rotvec(share * turn)).as_quat(scalar_first=True)
-    q[0] = _alike(q[0], one[3])
+    q[0] = _alike(q[0], one)
     for k in range(1, len(q)):
         q[k] = _alike(q[k], q[k - 1])
-    still = np.ones_like(share)
-    return Motion(t, one[0] * still, one[1] * still, one[2] + share * (other[2] - one[2]), q)
+    return np.asarray(q)
 
 
 def _joined(legs: list[Motion]) -> Motion:
@@ -122,8 +160,9 @@ def _joined(legs: list[Motion]) -> Motion:
     whole = legs[0]
     for leg in legs[1:]:
         rest = [getattr(leg, name)[1:] for name in ("start_m", "start_q", "end_m", "end_q")]
-        if whole.end_q[-1] @ leg.end_q[0] < 0:
-            rest[3] = -rest[3]
+        for k, before, after in ((1, whole.start_q, leg.start_q), (3, whole.end_q, leg.end_q)):
+            if before[-1] @ after[0] < 0:
+                rest[k] = -rest[k]
         parts = [
             np.concatenate([getattr(whole, name), more])
             for name, more in zip(("start_m", "start_q", "end_m", "end_q"), rest, strict=True)
@@ -150,13 +189,14 @@ def _mirrored(motion: Motion) -> Motion:
     return replace(motion, end_m=origin + 2 * np.outer(away @ along, along) - away)
 
 
-def _timed(motion: Motion, speed: float) -> Motion:
-    """At an even speed, rows that stand still left out."""
-    way = np.linalg.norm(np.diff(motion.end_m, axis=0), axis=1)
-    keep = np.concatenate([[True], way > 1e-9])
+def _timed(motion: Motion, speed: float, turning_speed: float) -> Motion:
+    """At an even speed [m/s], slower where it turns faster than that [rad/s]; rows that stand still left
+    out."""
+    takes_s = np.maximum(_ways(motion) / speed, _turns(motion) / turning_speed)
+    moves = takes_s > STILL_S
+    keep = np.concatenate([[True], moves])
     parts = [getattr(motion, name)[keep] for name in ("start_m", "start_q", "end_m", "end_q")]
-    t = np.concatenate([[0.0], np.cumsum(way[way > 1e-9])]) / speed
-    return Motion(t, *parts)
+    return Motion(np.concatenate([[0.0], np.cumsum(takes_s[moves])]), *parts)
 
 
 def _separation(study: Study, one: Fitted, other: Fitted, more: Motion) -> float:

@@ -16,6 +16,7 @@ from dlolib.errors import DloError
 from dlolib.identify.problem import axes
 from dlolib.sim.effects import EFFECTS, parameter
 from dlolib.sim.effects.base import Parameter, forms, sizes
+from dlolib.sim.rod import unit_of
 from dlolib.types import Detectable, Floats
 
 POWER = 0.95
@@ -94,7 +95,8 @@ def detectable(study: Study, job: tuple[Sized, Size]) -> Detectable:
         return float(np.clip(np.log(max(gain, 1e-300) / needed), -FAR, FAR))
 
     root = _root(excess, _largest(known))
-    return Detectable(size.name, size.part, None if root is None else _value(known, root), known.unit)
+    unit = unit_of(full, study.seen[0].recording.rope.linear_density_kg_m is not None)
+    return Detectable(size.name, size.part, None if root is None else _value(known, root), unit)
 
 
 def _root(excess: Callable[[float], float], high: float) -> float | None:

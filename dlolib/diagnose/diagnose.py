@@ -23,7 +23,7 @@ from dlolib.diagnose.workers import Workers
 from dlolib.errors import ParameterError
 from dlolib.identify.identify import FIRST_STIFFNESS_M4_S2
 from dlolib.identify.problem import axes, check_held_ends, check_one_object, seen_axes
-from dlolib.sim.upright import ROLL, unrolled
+from dlolib.sim.upright import ROLL, as_logged, unrolled
 from dlolib.types import Floats, Noise, Recording, Verdict
 
 FEWEST_POINTS, FEWEST_FRAMES = 12, 2
@@ -78,6 +78,8 @@ def diagnose(recordings: Sequence[Recording], settings: DiagnoseSettings) -> Dia
         decision = decide(study, searched, settings, ahead)
         forms = other_forms(study, searched, decision.winner, settings, run)
     motion = next_motion(study, *decision.tie[:2]) if len(decision.tie) > 1 else None
+    if motion is not None:
+        motion = replace(motion, motion=as_logged(motion.motion, recordings[0]))
     found = Found(
         study, told[0], searched, decision, tuple(forms), tuple(scans), tuple(seen), ahead, boxes[0], motion
     )  # fmt: skip

@@ -54,11 +54,9 @@ def estimates(
             unknown.outward(end) if low < end < high and np.isfinite(end) else None
             for end in _interval(study, model, unknown, beside)
         ]
-        name = unknown.name
-        unit = unit_of(name)
-        density = study.seen[0].recording.rope.linear_density_kg_m
-        if unknown.stiffness and density is None:
-            name, unit = f"{name}_over_density", "m^4/s^2"
+        weighed = study.seen[0].recording.rope.linear_density_kg_m is not None
+        name = f"{unknown.name}_over_density" if unknown.stiffness and not weighed else unknown.name
+        unit = unit_of(unknown.name, weighed)
         found[name] = Estimate(unknown.outward(float(theta)), ends[0], ends[1], unit)
     return found
 

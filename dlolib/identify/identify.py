@@ -340,9 +340,7 @@ def rms(values: Floats) -> float:
 
 
 def _estimate(problem: Problem, unknown: Unknown, value: float, low: float, high: float) -> Estimate:
-    unit = unit_of(unknown.name)
-    if unknown.stiffness and not _weighed(problem):
-        unit = "m^4/s^2"
+    unit = unit_of(unknown.name, _weighed(problem))
     from_, to = (unknown.outward(end) if np.isfinite(end) else None for end in (low, high))
     return Estimate(unknown.outward(value), from_, to, unit)
 

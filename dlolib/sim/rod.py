@@ -14,7 +14,7 @@ from dlolib.sim.effects import JOINT_WIDTH, applied, check, parameter
 from dlolib.sim.effects.base import Setup, particle_lengths
 from dlolib.sim.profile import Profile, mean_compliance
 from dlolib.sim.scene import DRAG, INERTIA, LENGTH, LOAD, REST, STIFFNESS, UNIFORM, Scene, contact_points
-from dlolib.types import Ends, Floats, Obstacle, Rope
+from dlolib.types import PER_DENSITY, Ends, Floats, Obstacle, Rope
 
 # An inextensible rope stretches this much under its load: its weight, the tip's, and a bend of its length.
 WEIGHT_STRAIN = 3e-5
@@ -102,13 +102,18 @@ class Rod:
         return replace(self, particles=particles)
 
 
-def unit_of(name: str) -> str:
-    """Unit of a stiffness or of an effect's parameter.
+def unit_of(name: str, weighed: bool = True) -> str:
+    """Unit of a stiffness or of an effect's parameter; of a rope whose density is not known (it is simulated
+    as 1 kg/m), that of the ratio to it.
 
     Raises:
         ParameterError: there is no such parameter.
     """
-    return STIFFNESSES[name] if name in STIFFNESSES else parameter(name).unit
+    if name in STIFFNESSES:
+        return STIFFNESSES[name] if weighed else "m^4/s^2"
+    unit = parameter(name).unit
+    of_weight = any(word in unit.split() for word in ("N", "N/m", "kg"))
+    return f"{unit}{PER_DENSITY}" if of_weight and not weighed else unit
 
 
 def setup(

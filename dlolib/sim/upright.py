@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dlolib.sim.start import frames_along
-from dlolib.types import Floats, Pose, Recording
+from dlolib.types import Floats, Motion, Pose, Recording
 
 # How an end of unknown roll is rolled against the other, and where a fit of it may begin [rad].
 ROLL, ROLLS = "end_twist.end", (0.0, 0.5 * np.pi, np.pi, -0.5 * np.pi)
@@ -34,6 +34,16 @@ def upright(recording: Recording) -> Recording:
             turned[f"{end}_q"] = about_axis(q, _roll(q[0]))
     known_ends = replace(ends, start_roll_known=True, end_roll_known=True)
     return replace(recording, ends=known_ends, motion=replace(motion, **turned))
+
+
+def as_logged(motion: Motion, recording: Recording) -> Motion:
+    """A motion that goes on from the upright recording's, as it goes on from the recording's own."""
+    ends, turned = recording.ends, {}
+    for end, known in (("start", ends.start_roll_known), ("end", ends.end_roll_known)):
+        if not known and getattr(ends, end) == "clamped":
+            back = -_roll(getattr(recording.motion, f"{end}_q")[0])
+            turned[f"{end}_q"] = about_axis(getattr(motion, f"{end}_q"), back)
+    return replace(motion, **turned)
 
 
 def unrolled(recording: Recording) -> bool:
@@ -60,4 +70,4 @@ def _roll(quaternion: Floats) -> float:
     return float((own.inv() * Rotation.from_quat(there, scalar_first=True)).as_rotvec()[2])
 
 
-__all__ = ["ROLL", "ROLLS", "about_axis", "unrolled", "upright"]
+__all__ = ["ROLL", "ROLLS", "about_axis", "as_logged", "unrolled", "upright"]

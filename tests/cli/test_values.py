@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from dlolib.cli_values import parse_values, rope_values
 from dlolib.errors import ParameterError
-from dlolib.types import Estimate, Fit, Rope
+from dlolib.types import PER_DENSITY, Estimate, Fit, Rope
 
 WEIGHED, UNWEIGHED = Rope("rope", 0.445, 0.008, 0.04), Rope("rope", 0.445)
 
@@ -39,6 +41,15 @@ def test_stiffness_over_density() -> None:
     known = rope_values(UNWEIGHED, "two", ratio, {"linear_density": 0.05})
     assert known.rope.linear_density_kg_m == 0.05
     assert known.parameters["bending_stiffness"] == pytest.approx(0.001)
+
+
+def test_forces_and_masses_of_a_rope_that_was_not_weighed_go_with_its_density() -> None:
+    load, place = Estimate(2.0, None, None, "N/m" + PER_DENSITY), Estimate(0.1, None, None, "m")
+    found = fit(bending_stiffness_over_density=0.02)
+    found = replace(found, parameters={**found.parameters, "lateral_load.x": load, "mass_profile.s": place})
+    assert rope_values(UNWEIGHED, "two", found, {}).parameters["lateral_load.x"] == 2.0
+    known = rope_values(UNWEIGHED, "two", found, {"linear_density": 0.05}).parameters
+    assert (known["lateral_load.x"], known["mass_profile.s"]) == (pytest.approx(0.1), 0.1)
 
 
 def test_newtons_need_a_density() -> None:

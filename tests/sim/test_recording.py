@@ -12,10 +12,11 @@ from dlolib.sim.continuum import simulated
 from dlolib.sim.effects import named
 from dlolib.sim.poses import PosesModel, model_of
 from dlolib.sim.recording import RecordingModel
-from dlolib.sim.rod import Rod
-from dlolib.types import Ends, Floats, Motion, Points, Recording
+from dlolib.sim.rod import Rod, unit_of
+from dlolib.types import PER_DENSITY, Ends, Floats, Motion, Points, Recording
 
 FRAMES, SEEN = 6, 12
+MIDWAY = {"mass_profile.s": 0.2}
 
 
 def recording(quasi_static: bool = True) -> Recording:
@@ -67,6 +68,31 @@ def test_unknown_density_gives_ratios() -> None:
     ]
     assert found.value == pytest.approx(EI / 0.04, rel=0.02)
     assert found.unit == "m^4/s^2"
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("mass_profile.mass", 2e-3),
+        ("lateral_load.y", 0.05),
+        ("end_compliance.start_stiffness", 0.01),
+        ("axial_stretch.axial_stiffness", 2.0),
+        ("inertia_drag.drag", 0.5),
+    ],
+)
+def test_what_is_told_of_an_unweighed_rope_is_so_much_for_its_density(name: str, value: float) -> None:
+    made, density = recording(quasi_static="drag" not in name), 0.04
+    unweighed = replace(ROPE, linear_density_kg_m=None)
+    ropes = [
+        Rod(replace(ROPE, linear_density_kg_m=density), EI, GJ, {**MIDWAY, name: value}),
+        Rod(unweighed, EI / density, GJ / density, {**MIDWAY, name: value / density}),
+    ]
+    seen = [RecordingModel(made, 30, 0.02).predict(rod).xyz_m for rod in ropes]
+    assert seen[0] == pytest.approx(seen[1], abs=1e-7)
+    bare = RecordingModel(made, 30, 0.02).predict(Rod(ROPE, EI, GJ)).xyz_m
+    assert np.abs(seen[0] - bare).max() > 1e-4
+    assert unit_of(name, weighed=False) == unit_of(name) + PER_DENSITY
+    assert unit_of("plastic_bending.yield_curvature", weighed=False) == "1/m"
 
 
 def test_settled_poses_are_solved_one_by_one() -> None:
