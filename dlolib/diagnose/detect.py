@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -84,11 +85,15 @@ def detectable(study: Study, job: tuple[Sized, Size]) -> Detectable:
     known = parameter(full)
     form = min((f for f in forms(EFFECTS[size.name]) if size.part in f), key=len)
     needed = gain_needed(beside.chance, len(form))
+    absent: Floats | float = 0.0
+    if known.neutral == 0.0:  # drag is sought of a rope that is inert
+        with contextlib.suppress(DloError):
+            absent = _changed(study, beside, {**size.others, full: 0.0})
 
     @cache
     def excess(decades: float) -> float:
         try:
-            changed = _changed(study, beside, {**size.others, full: _value(known, decades)})
+            changed = _changed(study, beside, {**size.others, full: _value(known, decades)}) - absent
         except DloError:
             return FAR
         gain = float(changed @ changed - np.sum((beside.basis.T @ changed) ** 2))

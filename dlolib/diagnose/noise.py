@@ -13,8 +13,9 @@ from dataclasses import replace
 import numpy as np
 from scipy import linalg, optimize
 from scipy.fft import dct
+from scipy.interpolate import BSpline
 
-from dlolib.diagnose.whitening import decay, grid_of
+from dlolib.diagnose.whitening import Grid, decay, grid_of
 from dlolib.errors import ParameterError
 from dlolib.formats import interpolate_motion
 from dlolib.identify.problem import seen_axes
@@ -28,6 +29,9 @@ SMOOTH_S, SMOOTH_T = 10, 5
 LONGEST = 10.0
 # Frames that show one pose tell the noise if they are so many; a pose is the same within this [m, or of 1].
 FEWEST_STILL, SAME = 3, 1e-6
+# Points are of one place along the rope within this share of its length; so many more than the shape takes
+# tell of noise.
+SAME_PLACE, FEWEST_LEFT = 2e-5, 3
 # No camera's noise is less than this [m].
 LEAST_M = 1e-6
 # An end that moves or turns further than this while it is to stand still does not [m, rad]; a given deviation
@@ -105,7 +109,8 @@ def _still(recording: Recording) -> np.ndarray | None:
             still = np.ones(len(points.frame), dtype=bool)
     if still is None or len(np.unique(points.frame[still])) < FEWEST_STILL:
         return None
-    return still
+    shape = _shape(recording, still, grid_of(recording, still))
+    return still if len(shape) - np.linalg.matrix_rank(shape) >= FEWEST_LEFT else None
 
 
 def _likeliest(recording: Recording, values_m: Floats, used: np.ndarray, still_shape: bool) -> Noise:
@@ -117,7 +122,7 @@ def _likeliest(recording: Recording, values_m: Floats, used: np.ndarray, still_s
     y = values_m[used][some]
     frames = grid.frame[: int(row.max()) + 1]
     if still_shape:
-        basis = np.eye(grid.columns)[column]
+        basis = _shape(recording, used, grid)[some]
     else:
         along = _smooth(grid.columns, SMOOTH_S)[column]
         over = _smooth(len(frames), SMOOTH_T)[row]
@@ -148,6 +153,18 @@ def _likeliest(recording: Recording, values_m: Floats, used: np.ndarray, still_s
     ).x
     squares, _ = terms(best)
     return Noise(float(np.sqrt(squares / (dof * axes))), float(best[0]), float(best[1]))
+
+
+def _shape(recording: Recording, used: np.ndarray, grid: Grid) -> Floats:
+    """What one shape can be at the used points, (P, K): anything at places that frames share; a spline along
+    the rope, of half as many pieces as a frame has points, where each frame has places of its own."""
+    arc_m, length_m = recording.points.s_m[used], recording.rope.length_m
+    if all(np.ptp(arc_m[grid.column == one]) < SAME_PLACE * length_m for one in np.unique(grid.column)):
+        return np.asarray(np.eye(grid.columns)[grid.column])
+    inner = np.linspace(0.0, length_m, max(grid.columns // 2, 1) + 1)
+    knots = np.concatenate([[inner[0]] * 3, inner, [inner[-1]] * 3])
+    basis = BSpline.design_matrix(np.clip(arc_m, 0.0, length_m), knots, 3).toarray()
+    return np.asarray(basis[:, basis.any(axis=0)])
 
 
 def _smooth(count: int, modes: int) -> Floats:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from dlolib.diagnose.decide import Decision
 from dlolib.diagnose.fitting import Fitted
 from dlolib.diagnose.residuals import UNLIKELY
-from dlolib.diagnose.study import Study
+from dlolib.diagnose.study import Seen, Study
 from dlolib.sim.effects import EFFECTS, parameter
-from dlolib.types import Estimate, Named, Place, Quality
+from dlolib.types import Estimate, Ints, Named, Place, Quality
 
 # A sentence holds no more of an effect's parameters than this.
 MOST_NUMBERS = 4
@@ -25,8 +27,7 @@ def _where(
     study: Study, own: Mapping[str, Estimate], name: str
 ) -> dict[str, tuple[float, float] | None] | None:
     """The stretch of rope or of frames that an effect's own place or time names."""
-    recording = study.seen[0].recording
-    length = recording.rope.length_m
+    length = study.seen[0].recording.rope.length_m
     for part, value in own.items():
         along = parameter(f"{name}.{part}").along
         if along == "rope":
@@ -34,11 +35,18 @@ def _where(
             return {"s_m": (max(value.value - half, 0.0), min(value.value + half, length)), "frames": None}
         if along == "motion":
             half = own["duration"].value if "duration" in own else 1.0
-            t, frame = recording.points.t_s, recording.points.frame
-            inside = frame[(t >= value.value - half) & (t <= value.value + half)]
+            inside = np.concatenate(
+                [_frames(one, value.value - half, value.value + half) for one in study.seen]
+            )
             frames = (float(inside.min()), float(inside.max())) if len(inside) else None
             return {"s_m": None, "frames": frames}
     return None
+
+
+def _frames(one: Seen, first_s: float, last_s: float) -> Ints:
+    """The frame of each point that was seen between two times."""
+    points = one.recording.points
+    return points.frame[(points.t_s >= first_s) & (points.t_s <= last_s)]
 
 
 def _says(name: str, own: Mapping[str, Estimate]) -> str:

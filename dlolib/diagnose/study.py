@@ -159,9 +159,9 @@ class Study:
         if expected is not None and bounded(unknown.name):
             return -FARTHEST * expected, FARTHEST * expected
         known = parameter(unknown.name)
-        rope, (begin, end) = self.seen[0].recording.rope, self.span_s
+        rope, spans_s = self.seen[0].recording.rope, self.spans_s
         if known.along == "motion":
-            return begin, end
+            return spans_s[0][0], spans_s[-1][1]
         if known.along == "duration":
             return low, unknown.inward(max(self.longest_s, min(known.starts)))
         if known.along == "rope" or (known.unit == "m" and np.isinf(high)):
@@ -171,10 +171,20 @@ class Study:
         return low, high
 
     @property
-    def span_s(self) -> tuple[float, float]:
-        """When the first recording's first frame was seen, and its last."""
-        t = self.seen[0].recording.points.t_s
-        return float(t.min()), float(t.max())
+    def spans_s(self) -> list[tuple[float, float]]:
+        """When recordings were seen, first and last frames, in order; those that overlap are one."""
+        times = [one.recording.points.t_s for one in self.seen]
+        found: list[tuple[float, float]] = []
+        for first, last in sorted((float(t.min()), float(t.max())) for t in times):
+            if found and first <= found[-1][1]:
+                first, last = found[-1][0], max(found.pop()[1], last)
+            found.append((first, last))
+        return found
+
+    def begins_unseen(self, k: int) -> bool:
+        """Whether what came before recording k is not known; its first frames may be held out."""
+        parts = [self.seen[k], *([self.ahead[k]] if k in self.ahead else [])]
+        return any(begins_unseen(one.recording) for one in parts)
 
     @property
     def longest_s(self) -> float:
@@ -248,11 +258,10 @@ class Study:
 
     def _grid(self, name: str) -> list[float]:
         known = parameter(name)
-        begin, end = self.span_s
-        length = self.seen[0].recording.rope.length_m
-        scales = {"rope": length, "motion": end - begin, "bend": self.most_bent_1_m}
-        shift = begin if known.along == "motion" else 0.0
-        return [shift + scales.get(known.along, 1.0) * start for start in known.starts]
+        if known.along == "motion":
+            return [begin + (end - begin) * start for begin, end in self.spans_s for start in known.starts]
+        scales = {"rope": self.seen[0].recording.rope.length_m, "bend": self.most_bent_1_m}
+        return [scales.get(known.along, 1.0) * start for start in known.starts]
 
 
 def seen_as(recording: Recording, used: Bools, whitener: Whitener, settings: DiagnoseSettings) -> Seen:
@@ -354,7 +363,7 @@ def library(
     """
     still = sum(poses(one.model) for one in study.seen) < FEWEST_POSES
     contact = any(one.recording.obstacles for one in study.seen)
-    unknown = any(begins_unseen(one.recording) for one in study.seen) and not study.histories
+    unknown = any(study.begins_unseen(k) for k in range(len(study.seen))) and not study.histories
     found = []
     for name, effect in EFFECTS.items():
         if name in (*without, *beside) or (name == "contact_friction" and not contact):

@@ -203,7 +203,9 @@ def hints_of(study: Study, at: Fitted) -> list[Hint]:
     places, offs = [], []
     for k, one in enumerate(study.seen):
         simulated = one.model.predict(study.rod(k, at.values(k))).xyz_m + at.offsets_m[k]
-        places.append(one.recording.points.xyz_m)
+        # where an axis was not seen the rope lies as it is simulated, and is not off
+        places.append(simulated.copy())
+        places[-1][:, axes(one.model)] = one.recording.points.xyz_m[:, axes(one.model)]
         offs.append(places[-1] - simulated)
     hints = []
     for blocks, many in FRAME_BLOCKS:

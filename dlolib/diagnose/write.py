@@ -12,6 +12,7 @@ from dlolib.diagnose.locate import PROBES, Scan
 from dlolib.diagnose.verdict import NEXT
 from dlolib.files import write_csv, write_json
 from dlolib.formats import write_motion, write_verdict
+from dlolib.identify.problem import axes
 from dlolib.sim.moments import moments
 from dlolib.sim.recording import RecordingModel
 from dlolib.types import Floats
@@ -51,13 +52,15 @@ def _shapes(diagnosis: Diagnosis) -> pd.DataFrame:
         columns |= {f"{axis}_m": points.xyz_m[:, a] for a, axis in enumerate("xyz")}
         columns |= {f"elastic_{axis}_m": base[:, a] for a, axis in enumerate("xyz")}
         columns |= {f"model_{axis}_m": best[:, a] for a, axis in enumerate("xyz")}
-        columns |= {"off": _off(base - points.xyz_m, one.whitener.noise.sigma_m)}
+        seen = axes(one.model)
+        columns |= {"off": _off((base - points.xyz_m)[:, seen], one.whitener.noise.sigma_m)}
         tables.append(pd.DataFrame(columns))
     return pd.concat(tables, ignore_index=True)
 
 
 def _off(difference_m: Floats, sigma_m: float) -> Floats:
-    return np.asarray(np.linalg.norm(difference_m, axis=1) / (np.sqrt(3) * sigma_m))
+    """By how many deviations points (P, A) are off, root mean square over the axes that were seen."""
+    return np.asarray(np.sqrt(np.mean(difference_m**2, axis=1)) / sigma_m)
 
 
 def _scan(scan: Scan) -> pd.DataFrame:

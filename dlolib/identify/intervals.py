@@ -12,6 +12,8 @@ from dlolib.types import Floats, Ints
 BLOCKS = 12
 # With fewer distinct poses than this, resampling frames would only tell how well one pose was measured.
 FEWEST_POSES = 4
+# A pose of an arm that stands still goes to and fro by no more than this.
+JITTER_M, JITTER_RAD = 5e-4, 5e-3
 # Fewer blocks than this say nothing of how they differ.
 FEWEST_BLOCKS = 3
 
@@ -76,7 +78,16 @@ def _per_block(problem: Problem, residuals: Floats, jacobian: Floats) -> tuple[F
 
 
 def poses(model: Model) -> int:
-    """How many poses of the ends the recording shows."""
+    """How many poses of the ends the recording shows that differ by more than an arm's jitter; more than
+    `FEWEST_POSES` are not counted."""
     motion = model.recording.motion
-    rows = np.nan_to_num(np.hstack([motion.start_m, motion.start_q, motion.end_m, motion.end_q]))
-    return len(np.unique(rows.round(6), axis=0))
+    parts = [motion.start_m / JITTER_M, motion.end_m / JITTER_M]
+    parts += [2 * q / JITTER_RAD for q in (motion.start_q, motion.end_q)]
+    rows = np.nan_to_num(np.hstack(parts))
+    # the one that is furthest from all before it, again and again
+    away = np.linalg.norm(rows - rows[0], axis=1)
+    count = 1
+    while count < FEWEST_POSES and away.max() > 1.0:
+        away = np.minimum(away, np.linalg.norm(rows - rows[away.argmax()], axis=1))
+        count += 1
+    return count

@@ -82,7 +82,7 @@ def learn(
     for start in range(settings.starts):
         seed, side = settings.seed + start // len(sides), sides[start % len(sides)]
         tried = replace(settings, seed=seed, first_arc=side * settings.first_arc)
-        weights = xavier(inputs, tried.hidden, seed, tried.first_arc)
+        weights = xavier(inputs, tried.hidden, seed, tried.first_arc, tried.bounds[1])
         policy = Policy(weights, np.array(tried.bounds), goal_m, layout.rope.length_m)
         tried_starts += 1
         try:

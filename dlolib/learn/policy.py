@@ -17,6 +17,8 @@ Weights = list[tuple[Floats, Floats]]
 
 # The share s of AB at which the first arc has its centre.
 MIDWAY = 0.5
+# A centre that no bound reaches begins at this share of it.
+NEARLY = 0.95
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,13 @@ class Policy:
         return rates
 
 
-def xavier(inputs: int, hidden: tuple[int, int], seed: int, first_arc: float = 0.0) -> Weights:
+def xavier(
+    inputs: int,
+    hidden: tuple[int, int],
+    seed: int,
+    first_arc: float = 0.0,
+    furthest: float = TABLE_I_BOUNDS[1],
+) -> Weights:
     """Initial weights for `inputs` numbers in and five out: Xavier's uniform ones, biases 0.
 
     Glorot and Bengio (2010), equation (16): uniform within ±sqrt(6 / (in + out)).
@@ -63,5 +71,5 @@ def xavier(inputs: int, hidden: tuple[int, int], seed: int, first_arc: float = 0
         limit = np.sqrt(6.0 / (before + after))
         weights.append((random.uniform(-limit, limit, (before, after)), np.zeros(after)))
     if first_arc:
-        weights[-1][1][:2] = np.arctanh((first_arc, MIDWAY / TABLE_I_BOUNDS[1]))
+        weights[-1][1][:2] = np.arctanh((first_arc, min(MIDWAY / furthest, NEARLY)))
     return weights

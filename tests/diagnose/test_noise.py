@@ -139,3 +139,25 @@ def test_points_that_say_the_same_again_tell_no_noise() -> None:
     assert known_noise(still) is not None and known_noise(same) is None
     noise, _ = noise_left(same, np.zeros_like(same.points.xyz_m))
     assert noise.sigma_m == pytest.approx(1e-6)
+
+
+@pytest.mark.parametrize("lost", [0.0, 0.1])
+@pytest.mark.parametrize("aside_m", [0.0, 2e-3, 5e-3])
+def test_still_frames_tell_the_noise_wherever_along_the_rope_each_sees_it(
+    aside_m: float, lost: float
+) -> None:
+    """A tracker without markers: every frame has places of its own, and lacks some."""
+    made, values = noisy(Noise(SIGMA, 0.0, 0.0), 20, 30, lost)
+    rng, points = np.random.default_rng(2), made.points
+    s_m = np.clip(points.s_m + rng.uniform(-aside_m, aside_m, len(values)), 0.0, 0.445)
+    arc = np.stack([0.15 * np.sin(s_m / 0.15), 0 * s_m, 0.15 * np.cos(s_m / 0.15)], axis=1)
+    found = known_noise(replace(made, points=replace(points, s_m=s_m, xyz_m=values + arc)))
+    assert found is not None
+    assert found[0].sigma_m == pytest.approx(SIGMA, rel=0.06)
+    assert max(found[0].correlation_points, found[0].correlation_frames) < 0.4
+
+
+def test_still_frames_that_see_no_place_twice_tell_nothing() -> None:
+    made, values = noisy(Noise(SIGMA, 0.0, 0.0), 3, 2)
+    points = replace(made.points, s_m=np.linspace(0.05, 0.4, len(values)))
+    assert known_noise(replace(made, points=points)) is None

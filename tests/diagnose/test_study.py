@@ -48,7 +48,7 @@ def test_a_rope_yields_first_below_its_largest_curvature(study):
 def test_no_branch_relaxes_slower_than_the_recording_lasts(study):
     """It would not fade, and stand for what never does."""
     time, ratio = map(Unknown, ("viscoelastic_bending.relaxation_time", "viscoelastic_bending.modulus_ratio"))
-    begin, end = study.span_s
+    ((begin, end),) = study.spans_s
     assert study.bounds(time) == pytest.approx((np.log(0.002), np.log(end - begin)))
     assert study.bounds(ratio) == ratio.bounds
     starts = study.starts("viscoelastic_bending", ("modulus_ratio", "relaxation_time"), [])
@@ -66,8 +66,31 @@ def test_the_longest_recording_bounds_what_a_branch_may_take(study):
     both = replace(study, seen=(one, replace(one, model=replace(one.model, recording=slower))))
     time = Unknown("viscoelastic_bending.relaxation_time")
     assert both.bounds(time)[1] == pytest.approx(study.bounds(time)[1] + np.log(3))
-    # a moment of the motion is one of the first recording's
-    assert both.span_s == study.span_s
+
+
+def test_a_moment_of_the_motion_is_sought_in_every_recording(study):
+    one = study.seen[0]
+    points, ((begin, end),) = one.recording.points, study.spans_s
+    later = replace(one.recording, points=replace(points, t_s=points.t_s + 100.0))
+    both = replace(study, seen=(one, replace(one, model=replace(one.model, recording=later))))
+    assert both.spans_s == [(begin, end), (begin + 100.0, end + 100.0)]
+    time = Unknown("grasp_slip.time")
+    assert both.bounds(time) == (begin, end + 100.0)
+    starts = [
+        {one["grasp_slip.time"] for one in some.starts("grasp_slip", ("time", "length"), [])}
+        for some in (study, both)
+    ]
+    assert sorted(starts[1]) == pytest.approx(sorted(starts[0] | {start + 100.0 for start in starts[0]}))
+
+
+def test_what_was_before_is_as_unknown_where_the_first_frames_are_held_out(study):
+    one = study.seen[0]
+    motion, points = one.recording.motion, one.recording.points
+    early = replace(one.recording, points=replace(points, t_s=points.t_s - points.t_s.min() + motion.t_s[0]))
+    later = replace(early, points=replace(early.points, t_s=early.points.t_s + 1.0))
+    seen = [replace(one, model=replace(one.model, recording=some)) for some in (later, early)]
+    assert not replace(study, seen=(seen[0],)).begins_unseen(0)
+    assert replace(study, seen=(seen[0],), ahead={0: seen[1]}).begins_unseen(0)
 
 
 def test_each_recording_begins_near_the_rod_in_it():
@@ -141,6 +164,18 @@ def test_a_fit_begins_where_the_rope_is_off_for_two_frames(study):
     there = points.xyz_m[brief].mean(axis=0)
     near = [one for one in hints if np.linalg.norm(one.place_m - there) < 0.05 and one.off_m[1] > 0.003]
     assert near
+
+
+def test_where_only_a_plane_was_seen_the_rope_is_off_in_it_alone(study):
+    """Whatever stands in the axis that nobody saw."""
+    (seen,) = study.seen
+    points = seen.recording.points
+    xyz = points.xyz_m + np.array([0.0, 0.1, 0.004])
+    planar = replace(seen.recording, planar="xz", points=replace(points, xyz_m=xyz))
+    off = replace(study, seen=(replace(seen, model=replace(seen.model, recording=planar)),))
+    for hint in tasks.hints_of(off, baseline(study)):
+        assert hint.off_m[1] == 0.0 and abs(hint.off_m[2]) > 0.003
+        assert np.abs(points.xyz_m - hint.place_m)[:, 1].min() < 0.03
 
 
 def test_a_finer_mesh_that_snaps_elsewhere_tells_no_error_of_the_mesh(study, monkeypatch):
