@@ -8,10 +8,9 @@ from typing import Literal
 
 import numpy as np
 
-from dlolib.diagnose.estimates import may_be_nothing
 from dlolib.diagnose.fitting import Fitted
 from dlolib.diagnose.heldout import WORSE, Foretold, refuted
-from dlolib.diagnose.residuals import IDEALLY, OFF, explains, slow_modes
+from dlolib.diagnose.residuals import IDEALLY, explains, slow_modes
 from dlolib.diagnose.search import Searched
 from dlolib.diagnose.study import DiagnoseSettings, Study, ideal
 
@@ -22,6 +21,8 @@ ALARMING = 1e-5
 MOST_TIED = 3
 # So many of the best models are compared on held-out motion, whatever was decided; a figure shows as many.
 COMPARED = 10
+# What an ideal law leaves because the rope's is of another form, as a share of what it explains, at most.
+OFF = 0.01
 # Other ideal laws in place of the rope's or beside it may explain more than that itself, by this share.
 IMITATED = 0.1
 
@@ -60,7 +61,7 @@ def decide(
     if best.effects in wrong or not explains(best, base):
         return Decision("unexplained", best, refuted=best.effects in wrong)
     tie = _tied(study, models, base, settings, foretold)
-    tie += _idle(study, searched, best) + _doubtful(study, searched, best, settings, foretold)
+    tie += _doubtful(study, searched, best, settings, foretold)
     tie = [one for one in tie if one.effects not in wrong][:MOST_TIED]
     if len(tie) > 1:
         return Decision("ambiguous", best, tuple(tie))
@@ -141,18 +142,6 @@ def _as_far(model: Fitted, best: Fitted, foretold: Mapping[Effects, Foretold], s
         return True
     worse, error = told.against(by_best)
     return worse <= share * max(elastic.against(told)[0], 0.0) + WORSE * (error or 0.0)
-
-
-def _idle(study: Study, searched: Searched, best: Fitted) -> list[Fitted]:
-    """The best model without an effect that may be of no size in it.
-
-    Such a one gains by the way that the rope takes alone: where a rope snaps over an obstacle that holds it
-    an inert one comes to rest elsewhere, whatever its mass.
-    """
-    fitted = {one.effects: one for one in searched.models}
-    idle = [name for name in best.effects if may_be_nothing(study, best, searched.baseline, name)]
-    rests = [tuple(other for other in best.effects if other != name) for name in idle]
-    return [fitted[rest] for rest in rests if rest in fitted]
 
 
 def _doubtful(

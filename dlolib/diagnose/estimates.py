@@ -15,12 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from dlolib.diagnose.decide import OFF
 from dlolib.diagnose.fitting import Fitted
-from dlolib.diagnose.residuals import OFF, slow_modes
+from dlolib.diagnose.residuals import slow_modes
 from dlolib.diagnose.study import Study, ideal
 from dlolib.identify.parameters import Unknown
-from dlolib.sim.effects import EFFECTS, parameter
-from dlolib.sim.effects.base import sizes
+from dlolib.sim.effects import parameter
 from dlolib.sim.rod import unit_of
 from dlolib.types import Estimate, Floats
 
@@ -59,19 +59,6 @@ def estimates(
         unit = unit_of(unknown.name, weighed)
         found[name] = Estimate(unknown.outward(float(theta)), ends[0], ends[1], unit)
     return found
-
-
-def may_be_nothing(study: Study, model: Fitted, base: Fitted, effect: str) -> bool:
-    """Whether the model's own intervals of all sizes of an effect hold what is neutral."""
-    names = {f"{effect}.{part}" for part in sizes(EFFECTS[effect])}
-    own = [unknown for unknown in model.unknowns if unknown.recording is None and unknown.name in names]
-
-    def neutral(unknown: Unknown) -> bool:
-        first, last = _interval(study, model, unknown, Alternatives(base, ()))
-        nothing = np.clip(unknown.inward(parameter(unknown.name).neutral), *study.bounds(unknown))
-        return bool(first <= nothing <= last)
-
-    return bool(own) and all(map(neutral, own))
 
 
 def _interval(
@@ -116,4 +103,4 @@ def _scale(model: Fitted) -> float:
     return max(1.0, model.chi2 / max(model.coordinates - len(model.theta), 1), slow.energy)
 
 
-__all__ = ["Alternatives", "estimates", "may_be_nothing"]
+__all__ = ["Alternatives", "estimates"]

@@ -22,8 +22,6 @@ from dlolib.types import Floats
 # A model whose slow residuals are this unlikely does not explain the recording, if they also are more than
 # a share of what it explains, larger for an ideal law: its form is never quite that of the rope.
 UNLIKELY, NEGLIGIBLE, IDEALLY = 1e-3, 0.01, 0.05
-# What an ideal law leaves because the rope's is of another form, as a share of what it explains, at most.
-OFF = 0.01
 # A deviation of the noise that is declared or seen may be off by this factor.
 BADLY_KNOWN = 2.0
 # A model that leaves less than this of what it explains brings the distance to about half or below.

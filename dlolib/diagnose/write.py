@@ -87,9 +87,8 @@ def _moments(diagnosis: Diagnosis) -> pd.DataFrame:
     if not isinstance(model, RecordingModel):
         return pd.DataFrame(columns=columns)
     rod = study.rod(0, winner.values(0))
-    rollout = model.roll_out(rod)
+    rollout, times = model.timed(rod)
     bent, moment = (part[0] for part in moments(rollout))
-    times = model.times(model.setup(rod))
     size = np.linalg.norm(bent[:, :, :2], axis=2)
     inner = size[:, 1:-1].max(axis=0)
     order = 1 + np.argsort(-inner)[:1]

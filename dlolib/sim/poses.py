@@ -45,7 +45,8 @@ class _Followed(RecordingModel):
 
     def _quasi_static_times(self, remembers: bool) -> Floats:
         # a pose is stopped at though nothing was seen there
-        return quasi_static_times(self.recording, REMEMBERED if remembers else 1.0, rows_too=True)
+        share = self.share * REMEMBERED if remembers else 1.0
+        return quasi_static_times(self.recording, share, rows_too=True)
 
 
 @dataclass(frozen=True)

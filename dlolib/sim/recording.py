@@ -18,6 +18,7 @@ from dlolib.sim.differentiate import Case, Tangent, Variation, sensitivities, ze
 from dlolib.sim.effects.base import Setup
 from dlolib.sim.observe import Sampling, point_weights, sampling_of, viewing_axis
 from dlolib.sim.rod import Rod, scene_of, setup
+from dlolib.sim.scene import FRICTION
 from dlolib.sim.sides import Prediction, Sides, as_seen, sides_of, traced
 from dlolib.sim.simulate import Clock, Path, Rollout, State, roll_out
 from dlolib.sim.start import first_shape, released, settle
@@ -26,6 +27,8 @@ from dlolib.types import Floats, Motion, Points, Pose, Recording
 
 # Frames that tell where a rope was when it was seen first, and how fast.
 FIRST = 3
+# Steps that do not follow a rope that rubs are made shorter by so much, down to this share of their length.
+SHORTER, SHORTEST = 0.25, 0.05
 
 Made = TypeVar("Made")
 
@@ -44,6 +47,7 @@ class RecordingModel:
             theirs are sought.
         first: where the rope was seen first, if the recording's own points begin later: one that nobody holds
             falls from there.
+        share: of the steps' usual length, of the quasi-static clock of a rope that remembers.
     """
 
     recording: Recording
@@ -52,6 +56,7 @@ class RecordingModel:
     sweeps: int | None = None
     near: Rod | None = None
     first: Points | None = None
+    share: float = 1.0
 
     def setup(self, rod: Rod) -> Setup:
         """The rod in the recording's surroundings.
@@ -66,8 +71,29 @@ class RecordingModel:
 
     def roll_out(self, rod: Rod) -> Rollout:
         """The whole motion, from the equilibrium at its first pose; step k is at index k + 1."""
+        return self.timed(rod)[0]
+
+    def timed(self, rod: Rod) -> tuple[Rollout, Floats]:
+        """The same, and when each of its steps ends [s]."""
         made = self.setup(rod)
-        return self._moved(made, self._at_rest(made))
+        return self._following(
+            made, lambda model: (model._moved(made, model._at_rest(made)), model.times(made))
+        )
+
+    def _following(self, made: Setup, asked: Callable[[RecordingModel], Made]) -> Made:
+        """What is asked of the model, or of one in shorter steps: a rope that friction holds until it slides
+        far and at once is not followed by long ones."""
+        try:
+            return asked(self)
+        except SimulationError:
+            rubs = bool((made.obstacles[:, FRICTION] > 0.0).any())
+            if made.moving or not rubs or self.share * SHORTER < SHORTEST:
+                raise
+        return self._in_shorter_steps._following(made, asked)
+
+    @cached_property
+    def _in_shorter_steps(self) -> RecordingModel:
+        return replace(self, share=SHORTER * self.share)
 
     def at_rest(self, rod: Rod) -> Rollout:
         """The equilibrium at the first pose: a roll-out of one step."""
@@ -142,7 +168,7 @@ class RecordingModel:
         return times_s
 
     def _quasi_static_times(self, remembers: bool) -> Floats:
-        return quasi_static_times(self.recording, REMEMBERED if remembers else 1.0)
+        return quasi_static_times(self.recording, self.share * REMEMBERED if remembers else 1.0)
 
     def _begin_s(self, step_s: float) -> float:
         """When the first step of the dynamic clock ends [s]."""
@@ -190,6 +216,9 @@ class RecordingModel:
     def respond(self, rod: Rod, sides: Sequence[Sides]) -> Prediction:
         """The same with derivatives by whatever tells each two set-ups from the rod's own."""
         made = self.setup(rod)
+        return self._following(made, lambda model: model._responding(made, sides))
+
+    def _responding(self, made: Setup, sides: Sequence[Sides]) -> Prediction:
         rest = self._at_rest(made)
         rollout = self._moved(made, rest)
         sampling, axis = self._sampling(made), viewing_axis(self.recording)

@@ -22,7 +22,7 @@ FRAMES, COLUMNS = 90, 28
 NOISE = np.random.default_rng(5).standard_normal((FRAMES, COLUMNS, 3))
 SLOW = np.cos(np.pi * (np.arange(FRAMES) + 0.5) / FRAMES)[:, None, None] * np.ones((FRAMES, COLUMNS, 3))
 ALL_SEEN = ModesOfNoise(FRAMES * COLUMNS, np.eye(64).reshape(8, 8, 8, 8))
-STUDY = SimpleNamespace(frames=FRAMES, bounds=lambda unknown: unknown.bounds)
+STUDY = SimpleNamespace(frames=FRAMES)
 
 
 def left(effects, chi2, parameters=2):

@@ -6,14 +6,16 @@ import numpy as np
 import pytest
 from sim.ropes import EI, GJ, GRAVITY, LEVEL, ROPE, swing
 
-from dlolib.errors import ParameterError
+from dlolib.errors import ParameterError, SimulationError
 from dlolib.identify import IdentifySettings, identify
 from dlolib.sim.continuum import simulated
 from dlolib.sim.effects import named
+from dlolib.sim.effects.base import Setup
 from dlolib.sim.poses import PosesModel, model_of
 from dlolib.sim.recording import RecordingModel
 from dlolib.sim.rod import Rod, unit_of
-from dlolib.types import PER_DENSITY, Ends, Floats, Motion, Points, Recording
+from dlolib.sim.simulate import Rollout
+from dlolib.types import PER_DENSITY, Ends, Floats, Motion, Obstacle, Points, Recording
 
 FRAMES, SEEN = 6, 12
 MIDWAY = {"mass_profile.s": 0.2}
@@ -262,3 +264,38 @@ def test_effects_are_simulated_from_the_shape_that_the_rope_has_without_them() -
     rod = Rod(ROPE, EI, GJ, effects)
     near = RecordingModel(made, 30, None, near=Rod(ROPE, EI, GJ))
     assert np.array_equal(simulated(made, rod).points.xyz_m, near.predict(rod).xyz_m)
+
+
+BAR = Obstacle(
+    "cylinder",
+    {"center_m": (0.2, 0.0, -0.3), "axis": (0.0, 1.0, 0.0), "radius_m": (0.02,), "height_m": (1.0,)},
+)
+
+
+@pytest.mark.parametrize(
+    ("friction", "follows", "share"), [(0.5, 0.3, 0.25), (0.5, 0.1, 0.0625), (0.0, 0.3, None)]
+)
+def test_a_rope_that_rubs_is_followed_in_shorter_steps(
+    monkeypatch: pytest.MonkeyPatch, friction: float, follows: float, share: float | None
+) -> None:
+    """Where long steps find no equilibrium, as where friction holds it until it slides far and at once."""
+    model = RecordingModel(replace(recording(), obstacles=(BAR,)), 30, None)
+    rod = Rod(ROPE, EI, GJ, {"contact_friction.coefficient": friction})
+    moved, shares = RecordingModel._moved, []
+
+    def tried(self: RecordingModel, made: Setup, rest: Rollout) -> Rollout:
+        shares.append(self.share)
+        if self.share > follows:
+            raise SimulationError("no equilibrium", mend="")
+        return moved(self, made, rest)
+
+    monkeypatch.setattr(RecordingModel, "_moved", tried)
+    if share is None:
+        with pytest.raises(SimulationError):
+            model.predict(rod)
+        assert shares == [1.0]
+        return
+    rollout, times = model.timed(rod)
+    assert shares[-1] == share and len(times) == rollout.x.shape[1] - 1
+    assert len(times) > 2 * len(model.times(model.setup(rod)))
+    assert model.predict(rod).xyz_m.shape == (FRAMES * SEEN, 3)
