@@ -378,9 +378,7 @@ def _identify_settings() -> IdentifySettings:
         sweeps=rod.sweeps if rod.solver == "iterative" else None,
         parameters=None if block.parameters is None else tuple(block.parameters),
         iterations=block.iterations,
-        bootstrap=block.bootstrap,
         heldout_share=block.heldout_share,
-        seed=block.seed,
     )
 
 

@@ -151,9 +151,7 @@ class Identify(Block):
     method: Literal["least_squares", "gradient_descent"]
     parameters: list[str] | None
     iterations: Count
-    bootstrap: Count
     heldout_share: Annotated[float, Field(ge=0, lt=1)]
-    seed: Seed
     paper_on: list[Name]
     paper: PaperDescent
 

@@ -38,9 +38,7 @@ def settings() -> IdentifySettings:
         sweeps=rod.sweeps if rod.solver == "iterative" else None,
         parameters=None if block.parameters is None else tuple(block.parameters),
         iterations=block.iterations,
-        bootstrap=block.bootstrap,
         heldout_share=block.heldout_share,
-        seed=block.seed,
     )
 
 

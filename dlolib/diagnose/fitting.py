@@ -22,6 +22,8 @@ from dlolib.types import Floats
 UNSOLVED = 1e3
 # A parameter whose scale moves no whitened point by more is silent; so many scales wake it.
 SILENT, NUDGE = 1e-6, 10.0
+# A combination of parameters, each over what it tells alone, that tells less than rounding errors.
+LEAST_KNOWN = 1e-14
 # A finer mesh moves no point by this share of the length unless the rope snaps; n = 30 is off by some 0.002.
 ELSEWHERE = 0.02
 
@@ -200,12 +202,27 @@ def fitted(model: Hypothesis, theta: Floats) -> Fitted:
         shape = (*one.whitener.shape, one.observed_m.shape[1])
         grids.append(residuals[first : first + int(np.prod(shape))].reshape(shape))
         first += int(np.prod(shape))
-    covariance = np.asarray(np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-14, hermitian=True), dtype=float)
     return Fitted(
-        model.effects, model.unknowns, theta, float(residuals @ residuals), covariance, tuple(grids),
+        model.effects, model.unknowns, theta, float(residuals @ residuals), covariance_of(jacobian),
+        tuple(grids),
         tuple(one.whitener.noise_modes for one in model.study.seen),
         sum(one.observed_m.size for one in model.study.seen), model.offsets_m, model.evaluations,
     )  # fmt: skip
+
+
+def covariance_of(jacobian: Floats) -> Floats:
+    """Of the N parameters, (N, N), from the whitened residuals' derivatives (R, N).
+
+    What moves nothing is not known at all, and a combination that moves nothing all but not.
+    """
+    sizes = np.linalg.norm(jacobian, axis=0)
+    tell = sizes > 0.0
+    some = jacobian[:, tell] / sizes[tell]
+    values, vectors = np.linalg.eigh(some.T @ some)
+    found = np.diag(np.where(tell, 0.0, np.inf))
+    known = vectors / np.maximum(values, LEAST_KNOWN) @ vectors.T
+    found[np.ix_(tell, tell)] = known / np.outer(sizes[tell], sizes[tell])
+    return found
 
 
 def promise(model: Hypothesis, theta: Floats) -> float:

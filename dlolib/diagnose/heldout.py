@@ -10,6 +10,7 @@ from scipy.interpolate import RBFInterpolator
 from scipy.spatial.transform import Rotation
 
 from dlolib.diagnose.fitting import Fitted, mesh_error
+from dlolib.diagnose.residuals import tested
 from dlolib.diagnose.study import Seen, Study
 from dlolib.errors import SimulationError
 from dlolib.formats import interpolate_motion
@@ -38,8 +39,18 @@ class Foretold:
     def against(self, other: Foretold) -> tuple[float, float | None]:
         """Change in χ² against another model, and its standard error over the frames; one tells of none."""
         change = self.chi2 - other.chi2
-        error = float(np.sqrt(len(change)) * change.std(ddof=1)) if len(change) > 1 else None
-        return float(change.sum()), error
+        return float(change.sum()), _error_of_sum(change) if len(change) > 1 else None
+
+
+def _error_of_sum(values: Floats) -> float:
+    """Standard error of the sum of values (F,) that resemble their neighbours; no less than if they did not.
+
+    Newey and West, Econometrica 55, 1987; as many neighbours as in Review of Economic Studies 61, 1994.
+    """
+    count, off = len(values), values - values.mean()
+    most = min(int(4 * (count / 100) ** (2 / 9)), count - 1)
+    alike = [(1 - lag / (most + 1)) * float(off[lag:] @ off[: count - lag]) for lag in range(most + 1)]
+    return float(np.sqrt(max(2 * sum(alike) - alike[0], alike[0]) * count / (count - 1)))
 
 
 def foretell(study: Study, model: Fitted) -> Foretold | None:
@@ -82,11 +93,29 @@ def _left(study: Study, lefts: list[Floats]) -> Foretold:
     return Foretold(np.concatenate(chi2), np.concatenate(distances))
 
 
-def black_box(study: Study, job: tuple[Fitted, int]) -> tuple[Foretold, Foretold] | None:
-    """A residual that names nothing: kriging of what the baseline leaves, by arc length and the ends' pose.
+@dataclass(frozen=True)
+class BlackBox:
+    """A residual that names nothing: what it leaves of the fitted frames and of the held-out ones.
 
-    The job is the baseline and a seed. Returns what is left of the fitted frames and of the held-out ones;
-    None: these cannot be simulated.
+    energy: of the slow modes of what it leaves of the fitted frames, over its expectation, less the
+    baseline's parameters. parameters: the baseline's and its own effective ones, the trace of what takes data
+    to fitted values (Hastie and Tibshirani, Generalized Additive Models, 1990).
+    """
+
+    fitted: Foretold
+    heldout: Foretold
+    energy: float
+    parameters: float
+
+    def bic(self, frames: int) -> float:
+        """Schwarz's criterion, as that of a model that was fitted."""
+        return float(self.fitted.chi2.sum() + self.parameters * np.log(frames))
+
+
+def black_box(study: Study, job: tuple[Fitted, int]) -> BlackBox | None:
+    """Kriging of what the baseline leaves, by arc length and the ends' pose.
+
+    The job is the baseline and a seed. None: the held-out frames cannot be simulated.
     """
     try:
         return _black_box(study, job)
@@ -94,22 +123,27 @@ def black_box(study: Study, job: tuple[Fitted, int]) -> tuple[Foretold, Foretold
         return None
 
 
-def _black_box(study: Study, job: tuple[Fitted, int]) -> tuple[Foretold, Foretold]:
+def _black_box(study: Study, job: tuple[Fitted, int]) -> BlackBox:
     (base, seed), heldout = job, _heldout(study)
     lefts: tuple[list[Floats], list[Floats]] = ([], [])
+    parameters = float(base.parameters)
     offsets = mesh_error(heldout, base.point)
     for k, one in enumerate(study.seen):
         values = base.values(k)
         inside = one.model.predict(study.rod(k, values)).xyz_m + base.offsets_m[k]
         off = inside - one.recording.points.xyz_m
-        surrogate = _surrogate(_features(one), off, seed)
+        surrogate, own = _surrogate(_features(one), off, seed)
+        parameters += own * one.observed_m.shape[1]
         lefts[0].append(off - surrogate(_features(one)))
         if k in study.ahead:
             place = list(study.ahead).index(k)
             out = heldout.seen[place]
             outside = out.model.predict(heldout.rod(place, values)).xyz_m + offsets[place]
             lefts[1].append(outside - out.recording.points.xyz_m - surrogate(_features(out)))
-    return _left(study, lefts[0]), _left(heldout, lefts[1])
+    pairs = zip(study.seen, lefts[0], strict=True)
+    grids = [one.whitener(left[:, axes(one.model)]) for one, left in pairs]
+    energy = tested(grids, base.noise, len(base.unknowns)).energy
+    return BlackBox(_left(study, lefts[0]), _left(heldout, lefts[1]), energy, parameters)
 
 
 def _features(one: Seen) -> Floats:
@@ -124,22 +158,25 @@ def _features(one: Seen) -> Floats:
     return np.hstack(columns)
 
 
-def _surrogate(features: Floats, off: Floats, seed: int) -> RBFInterpolator:
-    """Gaussian kriging of `off` (P, 3) with the smoothing that foretells a quarter of its points best."""
+def _surrogate(features: Floats, off: Floats, seed: int) -> tuple[RBFInterpolator, float]:
+    """Gaussian kriging of `off` (P, 3) with the smoothing that foretells a quarter of its points best, and
+    its effective parameters an axis."""
     rng = np.random.default_rng(seed)
     some = rng.permutation(len(features))[:LEARNT]
     cut = int(len(some) * (1 - CHECKED))
 
-    def made(rows: np.ndarray, smoothing: float) -> RBFInterpolator:
+    def made(rows: np.ndarray, smoothing: float, data: Floats) -> RBFInterpolator:
         return RBFInterpolator(
-            features[rows], off[rows], kernel="gaussian", epsilon=2.0, smoothing=smoothing, degree=0
+            features[rows], data, kernel="gaussian", epsilon=2.0, smoothing=smoothing, degree=0
         )
 
     def missed(smoothing: float) -> float:
-        told = made(some[:cut], smoothing)(features[some[cut:]])
+        told = made(some[:cut], smoothing, off[some[:cut]])(features[some[cut:]])
         return float(np.mean((told - off[some[cut:]]) ** 2))
 
-    return made(some, min(SMOOTHINGS, key=missed))
+    best = min(SMOOTHINGS, key=missed)
+    fits = made(some, best, np.eye(len(some)))(features[some])
+    return made(some, best, off[some]), float(np.trace(fits))
 
 
-__all__ = ["Foretold", "black_box", "foretell", "refuted"]
+__all__ = ["BlackBox", "Foretold", "black_box", "foretell", "refuted"]

@@ -44,11 +44,11 @@ class SlowModes:
 
 def slow_modes(model: Fitted, modes: int = MODES) -> SlowModes:
     """The test of what a model leaves: slow modes against quick ones, each against what noise would leave."""
-    return _tested(model.residuals, model.noise, len(model.unknowns), modes)
+    return tested(model.residuals, model.noise, len(model.unknowns), modes)
 
 
-def _tested(
-    residuals: Sequence[Floats], noise: Sequence[ModesOfNoise], parameters: int, modes: int
+def tested(
+    residuals: Sequence[Floats], noise: Sequence[ModesOfNoise], parameters: int, modes: int = MODES
 ) -> SlowModes:
     """The same of the whitened residuals (F, columns, A) of each recording.
 
@@ -106,4 +106,4 @@ def _left(model: Fitted, slow: SlowModes) -> float:
     return max(slow.excess, model.chi2 - BADLY_KNOWN**2 * model.coordinates)
 
 
-__all__ = ["SlowModes", "amiss", "explains", "helps", "slow_modes"]
+__all__ = ["SlowModes", "amiss", "explains", "helps", "slow_modes", "tested"]

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-
 from dlolib.diagnose.decide import Decision
 from dlolib.diagnose.fitting import Fitted
 from dlolib.diagnose.residuals import UNLIKELY
@@ -35,10 +33,10 @@ def _where(
             return {"s_m": (max(value.value - half, 0.0), min(value.value + half, length)), "frames": None}
         if along == "motion":
             half = own["duration"].value if "duration" in own else 1.0
-            inside = np.concatenate(
-                [_frames(one, value.value - half, value.value + half) for one in study.seen]
-            )
-            frames = (float(inside.min()), float(inside.max())) if len(inside) else None
+            seen = [_frames(one, value.value - half, value.value + half) for one in study.seen]
+            # frames are numbered in each recording anew: those of the first that was seen then
+            inside = next((some for some in seen if len(some)), None)
+            frames = None if inside is None else (float(inside.min()), float(inside.max()))
             return {"s_m": None, "frames": frames}
     return None
 

@@ -11,7 +11,7 @@ from dlolib.diagnose.ask import Asked
 from dlolib.diagnose.decide import Decision, probabilities, wrong_same_size
 from dlolib.diagnose.estimates import Alternatives, estimates
 from dlolib.diagnose.fitting import Fitted
-from dlolib.diagnose.heldout import Foretold
+from dlolib.diagnose.heldout import BlackBox, Foretold
 from dlolib.diagnose.locate import Scan
 from dlolib.diagnose.nuisances import mounted_otherwise
 from dlolib.diagnose.residuals import helps, slow_modes
@@ -39,8 +39,7 @@ class Found:
     """All that a verdict is made of.
 
     noise: of the first recording, and where it comes from. forms: the winner with its effects in their other
-    forms. foretold: what contenders, by their effects, leave of the held-out frames. black_box: what it
-    leaves of the fitted and the held-out ones.
+    forms. foretold: what contenders, by their effects, leave of the held-out frames.
     """
 
     study: Study
@@ -51,7 +50,7 @@ class Found:
     scans: tuple[Scan, ...]
     detectable: tuple[Detectable, ...]
     foretold: Mapping[tuple[str, ...], Foretold]
-    black_box: tuple[Foretold, Foretold] | None
+    black_box: BlackBox | None
     asked: Asked | None
 
 
@@ -141,12 +140,11 @@ def _candidates(found: Found) -> tuple[Candidate, ...]:
         if one is wrong:
             rows.append(replace(row, kind="wrong_same_size"))
     if found.black_box is not None:
-        inside, outside = found.black_box
-        left = float(inside.chi2.sum())
-        bic = max(left + base.parameters * float(np.log(frames)) - best, 0.0)
-        change, error, rmse_m = _ahead(found, outside)
-        energy = left / base.coordinates
-        rows.append(Candidate((), "black_box", bic, change, error, energy, inside.rmse_m, rmse_m))
+        box = found.black_box
+        change, error, rmse_m = _ahead(found, box.heldout)
+        behind = max(box.bic(frames) - best, 0.0)
+        row = Candidate((), "black_box", behind, change, error, box.energy, box.fitted.rmse_m, rmse_m)
+        rows.append(row)
     return tuple(sorted(rows, key=lambda one: one.delta_bic))
 
 

@@ -28,7 +28,19 @@ Level = Annotated[int, Field(ge=0, le=255)]
 Hsv = Annotated[tuple[Hue, Level, Level], Field(strict=False)]
 
 
-class CameraModel(Strict):
+class Pinhole(Strict):
+    """The only camera model that formats.md has: with another every point would be off."""
+
+    distortion: list[float] | dict[str, float] | None = None
+
+    @field_validator("distortion")
+    @classmethod
+    def _none(cls, value: list[float] | dict[str, float] | None) -> None:
+        if value and any(value.values() if isinstance(value, dict) else value):
+            raise ValueError("a capture's camera is a pinhole: undistort the images and leave this out")
+
+
+class CameraModel(Pinhole):
     """The key `camera`; the optics may be null where the capture holds clouds."""
 
     width: int | None = Field(default=None, gt=0)
@@ -39,14 +51,6 @@ class CameraModel(Strict):
     cy: float | None = None
     depth_scale: float | None = Field(default=None, gt=0)
     world_from_camera: list[list[float]]
-    distortion: list[float] | dict[str, float] | None = None
-
-    @field_validator("distortion")
-    @classmethod
-    def _pinhole(cls, value: list[float] | dict[str, float] | None) -> None:
-        """No distortion (formats.md has none): with another camera model every point would be off."""
-        if value and any(value.values() if isinstance(value, dict) else value):
-            raise ValueError("a capture's camera is a pinhole: undistort the images and leave this out")
 
 
 class CaptureScene(Scene):

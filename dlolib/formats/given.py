@@ -11,8 +11,8 @@ from pydantic import Field
 
 from dlolib.formats._json import checked, read_json
 from dlolib.formats._plausible import check_clear, check_ends
-from dlolib.formats._schema import PoseModel, Strict
-from dlolib.formats.capture import FORM, OPTICS, CaptureScene, background
+from dlolib.formats._schema import PoseModel
+from dlolib.formats.capture import FORM, OPTICS, CaptureScene, Pinhole, background
 from dlolib.formats.motion import read_motion
 from dlolib.formats.recording import parse_view
 from dlolib.types import Ends, Floats, Motion, Obstacle, Pose, Rope
@@ -20,7 +20,7 @@ from dlolib.types import Ends, Floats, Motion, Obstacle, Pose, Rope
 Hsv = tuple[int, int, int]
 
 
-class GivenCamera(Strict):
+class GivenCamera(Pinhole):
     """The key `camera`: what is given replaces what the source says."""
 
     width: int | None = Field(default=None, gt=0)

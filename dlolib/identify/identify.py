@@ -11,7 +11,7 @@ import pandas as pd
 from scipy.optimize import Bounds, OptimizeResult, least_squares
 
 from dlolib.errors import ParameterError, SimulationError
-from dlolib.identify.intervals import bootstrap
+from dlolib.identify.intervals import jackknife
 from dlolib.identify.parameters import SOFTEST_M4_S2, Unknown, acting, candidates, unbent
 from dlolib.identify.problem import Bools, Problem, axes, check_held_ends, check_one_object
 from dlolib.progress import track
@@ -40,10 +40,8 @@ class IdentifySettings:
         sweeps: None for the direct solver; the paper's iterative one with so many iterations a step.
         parameters: names to fit, or None for those that act (see `parameters.candidates`).
         iterations: at most this many steps of least squares.
-        bootstrap: resamples behind each interval.
         heldout_share: share of the frames, the last ones, left out to foretell them, where the recording
             does not say which.
-        seed: of the bootstrap.
     """
 
     particles: int = 30
@@ -52,9 +50,7 @@ class IdentifySettings:
     sweeps: int | None = None
     parameters: tuple[str, ...] | None = None
     iterations: int = 50
-    bootstrap: int = 1000
     heldout_share: float = 0.25
-    seed: int = 0
 
 
 @dataclass(frozen=True)
@@ -131,9 +127,7 @@ def identify(
     if Unknown("bending_stiffness") in problem.unknowns:
         stiff = float(problem.rod(0, theta).bending_stiffness)
         _check_loaded(recordings, stiff, f"at the best EI, {stiff:.2g} N m^2, its weight does not bend it")
-    low, high = bootstrap(problem, theta, settings.bootstrap, settings.seed)
-    # where the model is far from right the resamples' mean is not the fit
-    low, high = np.minimum(low, theta), np.maximum(high, theta)
+    low, high = jackknife(problem, theta)
     # frames that a recording declares as held out were never in the fit; of others the last are left out now
     heldout = [_heldout(recording, settings) for recording in recordings]
     without = replace(problem, used=tuple(~left for left in heldout))

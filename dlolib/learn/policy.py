@@ -62,7 +62,8 @@ def xavier(
 
     Glorot and Bengio (2010), equation (16): uniform within ±sqrt(6 / (in + out)).
     `first_arc`, other than 0 and between -1 and 1, goes into the output's biases: about this rate of turn φ,
-    and centres midway between A and B, so that the first path is an arc beside AB, on the side it says.
+    and centres midway between A and B, so that the first path is an arc beside AB, on the side it says;
+    `furthest` is how far a centre may lie from A, over the distance from A to B.
     """
     random = np.random.default_rng(seed)
     sizes = (inputs, *hidden, PARAMETERS)

@@ -49,6 +49,9 @@ class BegunModel(RecordingModel):
     def _begin_s(self, step_s: float) -> float:
         return float(self._first_points.t_s.min())
 
+    def _ahead_s(self, made: Setup) -> float:
+        return 0.0 if made.moving else super()._ahead_s(made)
+
     def _at_rest(self, made: Setup) -> Rollout:
         """One step before the first frame, drawn to the rope's length; how fast it is `_state` says."""
         if not made.moving:

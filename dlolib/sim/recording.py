@@ -29,6 +29,8 @@ from dlolib.types import Floats, Motion, Points, Pose, Recording
 FIRST = 3
 # Steps that do not follow a rope that rubs are made shorter by so much, down to this share of their length.
 SHORTER, SHORTEST = 0.25, 0.05
+# A moment at the first pose [s], longer than what a delay is differentiated with: it loses nothing either.
+EARLIER_S = 1e-3
 
 Made = TypeVar("Made")
 
@@ -108,7 +110,15 @@ class RecordingModel:
         if made.moving and self.step_s is None:
             raise ParameterError("a dynamic recording needs a time step", mend="give rod.time_step_s")
         key = made.path_dependent, made.moving
-        return self._samplings.get(key, lambda: self._sampled(*key))
+        usual = self._samplings.get(key, lambda: self._sampled(*key))
+        return usual.earlier(self._ahead_s(made)) if made.delay_s < 0.0 else usual
+
+    def _ahead_s(self, made: Setup) -> float:
+        """How long before the log's first row a negative delay lets the motion begin [s]."""
+        if not made.moving:
+            return EARLIER_S - made.delay_s
+        step_s = self.step_s or np.inf
+        return float(step_s * np.ceil(-made.delay_s / step_s)) if self._held else 0.0
 
     @cached_property
     def _samplings(self) -> Kept:

@@ -150,6 +150,11 @@ def uncalibrated(folder: Path) -> None:
     (folder / "capture.json").write_text(text.replace('"fx": 504.0, ', ""))
 
 
+def distorted(folder: Path) -> None:
+    text = (folder / "capture.json").read_text()
+    (folder / "capture.json").write_text(text.replace('"fx":', '"distortion": {"k1": -0.3}, "fx":'))
+
+
 @pytest.mark.parametrize(
     ("spoil", "says"),
     [
@@ -188,6 +193,7 @@ def uncalibrated(folder: Path) -> None:
             "is found in 2 of 2 frames that have a pose, 4",
         ),
         (uncalibrated, "capture.json: camera.fx: is not given; add it"),
+        (distorted, "capture.json: camera.distortion: a capture's camera is a pinhole"),
     ],
 )
 def test_what_cannot_be_used_is_named(

@@ -55,6 +55,12 @@ def test_an_obstacle_around_a_clamp(tmp_path: Path, refused: Refusals) -> None:
     refused(foreign.redwood(tmp_path / "source", shot), says, "--motion", str(csv))
 
 
+def test_a_lens_that_distorts(tmp_path: Path, refused: Refusals) -> None:
+    foreign.given(refused.about, camera={**foreign.camera_of(), "distortion": [-0.3, 0.1, 0, 0, 0]})
+    says = "object.json: camera.distortion: a capture's camera is a pinhole: undistort the images"
+    refused(foreign.tum(tmp_path / "source", foreign.frames()), says)
+
+
 def test_options_that_do_not_fit(tmp_path: Path, refused: Refusals) -> None:
     source = foreign.tum(tmp_path / "source", foreign.frames())
     refused(source, "has no topic of 'depth'; leave it out", "--topic", "depth=/depth")

@@ -3,10 +3,11 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from diagnose.test_diagnose import QUICK, made
 
 from dlolib.diagnose.diagnose import raw_study
-from dlolib.diagnose.fitting import UNSOLVED, awake, hypothesis
+from dlolib.diagnose.fitting import UNSOLVED, awake, covariance_of, hypothesis
 from dlolib.diagnose.search import _nested
 from dlolib.diagnose.study import Study
 from dlolib.diagnose.tasks import Task, as_it_was, refit
@@ -90,3 +91,13 @@ def test_a_nuisance_stays_within_its_deviations() -> None:
         wide = unknown.name.startswith(("end_angle", "end_twist"))
         assert (high > 5 * deviation) if wide else (-low == high == 3 * deviation)
     assert Unknown("camera_pose.rotation_1", 1) in study.nuisances
+
+
+def test_of_what_moves_nothing_nothing_is_known() -> None:
+    moves = np.random.default_rng(0).normal(size=(50, 2))
+    jacobian = np.stack([moves[:, 0], np.zeros(50), moves[:, 1], moves[:, 0]], axis=1)
+    found = covariance_of(jacobian)
+    assert found[1, 1] == np.inf and min(found[0, 0], found[3, 3]) > 1e6
+    alone = covariance_of(moves)
+    np.testing.assert_allclose(alone, np.linalg.inv(moves.T @ moves), rtol=1e-9)
+    assert found[2, 2] == pytest.approx(alone[1, 1], rel=1e-6)

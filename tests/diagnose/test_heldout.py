@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from sim.ropes import EI, GJ, GRAVITY, LEVEL, ROPE
 
 from dlolib.diagnose.diagnose import raw_study
-from dlolib.diagnose.heldout import black_box, foretell
+from dlolib.diagnose.heldout import Foretold, black_box, foretell
 from dlolib.diagnose.search import baseline
 from dlolib.diagnose.study import acting_only
 from dlolib.identify.identify import FIRST_STIFFNESS_M4_S2
@@ -88,3 +88,26 @@ def test_of_many_frames_some_are_looked_at_on_either_side(held: tuple[int, int])
     declared = np.arange(held[0], held[1] + 1)
     assert set(out) <= set(declared) and not set(fitted) & set(declared)
     assert 2 <= len(fitted) <= 200 and 2 <= len(out) <= 200
+
+
+def test_a_black_box_counts_what_it_takes_up() -> None:
+    study = acting_only(raw_study([made({})], ALONE), FIRST_STIFFNESS_M4_S2)
+    elastic = baseline(study)
+    box = black_box(study, (elastic, 0))
+    assert box is not None
+    assert len(elastic.unknowns) + 3 < box.parameters < 0.5 * elastic.coordinates
+    assert box.energy < 2.0 and box.bic(study.frames) > elastic.bic(study.frames)
+
+
+def test_the_error_of_a_sum_knows_that_neighbours_are_alike() -> None:
+    """Of an autoregression the variance of the sum is (1 + r) / (1 - r) times that of as many alone."""
+    frames, alike, rng = 400, 0.3, np.random.default_rng(0)
+    sums, errors = [], []
+    for _ in range(400):
+        values = np.zeros(frames)
+        for k, own in enumerate(rng.normal(size=frames)):
+            values[k] = alike * values[k - 1] + own
+        change, error = Foretold(values, values).against(Foretold(0 * values, values))
+        sums.append(change)
+        errors.append(error)
+    assert np.std(sums) == pytest.approx(np.median(errors), rel=0.15)

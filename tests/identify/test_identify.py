@@ -22,7 +22,7 @@ from dlolib.sim.upright import about_axis
 
 WIRES = Path("data/wires")
 CABLES = Path("../shared/data/real")
-QUICK = IdentifySettings(bootstrap=100)
+SETTINGS = IdentifySettings()
 
 
 @pytest.mark.parametrize(
@@ -30,7 +30,7 @@ QUICK = IdentifySettings(bootstrap=100)
     [("wire_white", 0.7e-4, 1.4e-4, 5e-3), ("wire_black", 0.7e-3, 1.5e-3, 12e-3)],
 )
 def test_real_wires(wire: str, low: float, high: float, rms_m: float) -> None:
-    fit = identify([read_recording(WIRES / wire)], QUICK).fit
+    fit = identify([read_recording(WIRES / wire)], SETTINGS).fit
     found = fit.parameters["bending_stiffness"]
     assert low < found.value < high
     assert found.low is not None and found.high is not None and found.low < found.value < found.high
@@ -42,7 +42,7 @@ def test_real_cables(name: str) -> None:
     folder = CABLES / f"pac_black_{name}_settled"
     if not folder.is_dir():
         pytest.skip(f"{folder} is not here: its data have no licence and are not in the repository")
-    found = identify([read_recording(folder)], QUICK).fit.parameters["bending_stiffness"]
+    found = identify([read_recording(folder)], SETTINGS).fit.parameters["bending_stiffness"]
     assert 0.08 < found.value < 0.18
 
 
@@ -52,7 +52,7 @@ def test_the_papers_descent_goes_down_to_the_same_stiffness() -> None:
     flat = replace(made.motion, end_m=made.motion.end_m * [1, 0, 1])
     made = simulated(replace(made, motion=flat), Rod(ROPE, EI, EI))
     start = alpha_b_from_stiffness(0.5 * EI, ROPE, 30)
-    end = descend(made, DescentSettings(start=start, rate=start**2 / 2, iterations=120), QUICK)
+    end = descend(made, DescentSettings(start=start, rate=start**2 / 2, iterations=120), SETTINGS)
     assert end.loss_m < 0.3 * end.loss["loss_m"].iloc[0]
     assert end.bending_stiffness == pytest.approx(EI, rel=0.05)
 
@@ -71,7 +71,7 @@ def test_a_stiffness_at_which_the_rope_tears_is_none_to_begin_with(monkeypatch: 
         return predict(self, rod, parameters)
 
     monkeypatch.setattr(RecordingModel, "predict", torn)
-    found = identify([made], QUICK).fit.parameters["bending_stiffness"]
+    found = identify([made], SETTINGS).fit.parameters["bending_stiffness"]
     assert found.value == pytest.approx(EI, rel=0.01)
 
 
@@ -79,16 +79,16 @@ def test_declared_heldout_frames_never_enter_the_fit() -> None:
     made = replace(recording(), heldout_frames=(4, 5))
     spoiled = made.points.xyz_m.copy()
     spoiled[made.points.frame >= 4] += 0.05
-    found = identify([replace(made, points=replace(made.points, xyz_m=spoiled))], QUICK)
-    clean = identify([made], QUICK)
+    found = identify([replace(made, points=replace(made.points, xyz_m=spoiled))], SETTINGS)
+    clean = identify([made], SETTINGS)
     assert found.fit == clean.fit
     assert found.heldout_rmse_m is not None and found.heldout_rmse_m > 0.05
 
 
 def test_what_is_written_reads_back(tmp_path: Path) -> None:
     made = recording()
-    found = identify([made], QUICK)
-    write_identified(found, [made], tmp_path / "out", descend(made, DescentSettings(iterations=2), QUICK))
+    found = identify([made], SETTINGS)
+    write_identified(found, [made], tmp_path / "out", descend(made, DescentSettings(iterations=2), SETTINGS))
     assert read_fit(tmp_path / "out").parameters["bending_stiffness"].value == pytest.approx(
         found.fit.parameters["bending_stiffness"].value, rel=1e-8
     )
@@ -101,7 +101,7 @@ def test_what_is_written_reads_back(tmp_path: Path) -> None:
 def test_a_coarse_mesh_finds_the_stiffness_of_the_continuous_rod() -> None:
     fine = recording()
     for particles, within in ((30, 0.01), (60, 0.003)):
-        found = identify([fine], replace(QUICK, particles=particles)).fit.parameters["bending_stiffness"]
+        found = identify([fine], replace(SETTINGS, particles=particles)).fit.parameters["bending_stiffness"]
         assert found.value == pytest.approx(EI, rel=within)
 
 
@@ -112,7 +112,7 @@ def test_what_a_verdict_has_for_each_recording_holds_while_stiffness_is_fitted()
         Rod(ROPE, EI, EI, {**shared, "camera_pose.shift_1": 0.02, "end_angle.end_1": 0.2}),
     ]
     one, other = (simulated(recording(), rod.with_particles(117)) for rod in rods)
-    found = identify([one, replace(other, name="other")], QUICK, rods).fit
+    found = identify([one, replace(other, name="other")], SETTINGS, rods).fit
     assert found.parameters["bending_stiffness"].value == pytest.approx(EI, rel=0.01)
     assert found.nuisances["other"]["end_angle.end_1"].value == pytest.approx(0.2, abs=0.01)
     assert found.rmse_m < 2e-4
@@ -124,7 +124,7 @@ def test_how_one_end_is_rolled_is_fitted_where_nobody_recorded_it() -> None:
     unknown = replace(made, ends=replace(made.ends, end_roll_known=False))
     truth = Rod(ROPE, EI, 0.7 * EI).with_values({"end_twist.end": 2.2})
     turned = replace(made.motion, end_q=about_axis(made.motion.end_q, 1.0))
-    found = identify([replace(simulated(unknown, truth, finer=4), motion=turned)], QUICK).fit.parameters
+    found = identify([replace(simulated(unknown, truth, finer=4), motion=turned)], SETTINGS).fit.parameters
     assert found["end_twist.end"].value == pytest.approx(2.2, abs=0.02)
     assert found["bending_stiffness"].value == pytest.approx(EI, rel=0.01)
     assert found["torsional_stiffness"].value == pytest.approx(0.7 * EI, rel=0.02)

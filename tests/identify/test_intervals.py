@@ -1,14 +1,18 @@
-"""How many poses a recording shows: with few a bootstrap over frames would tell how well one was measured."""
+"""95 % intervals: how often they hold the truth, and how many poses a recording shows.
 
-from dataclasses import replace
+With few poses a jackknife over frames would tell how well one was measured.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 from sim.test_recording import recording
 
-from dlolib.identify.intervals import FEWEST_POSES, poses
+from dlolib.identify.intervals import BLOCKS, FEWEST_POSES, jackknife, poses
 from dlolib.sim.recording import RecordingModel
-from dlolib.types import Motion, Recording
+from dlolib.types import Floats, Motion, Points, Recording
 
 
 def with_motion(end_m: np.ndarray) -> RecordingModel:
@@ -33,3 +37,64 @@ def test_an_arm_that_stands_still_shows_one_pose(jitter_m: float) -> None:
 def test_of_an_arm_that_moves_many_poses_are_shown() -> None:
     way = np.linspace(0.0, 0.05, 200)[:, None] * np.array([0.0, 0.0, 1.0])
     assert poses(with_motion(np.array([0.4, 0.0, 0.0]) + way)) == FEWEST_POSES
+
+
+MOVED = np.linspace(0.0, 0.05, 50)[:, None] * np.array([0.0, 0.0, 1.0]) + [0.4, 0.0, 0.0]
+PLACES = np.linspace(0.0, 0.5, 20)
+
+
+@dataclass
+class Linear:
+    """What the jackknife asks of a problem, of a model whose residuals go with its parameters."""
+
+    models: tuple[RecordingModel]
+    used: tuple[np.ndarray]
+    left: Floats
+    slopes: Floats
+
+    def residuals(self, _theta: Floats) -> Floats:
+        return self.left
+
+    def jacobian(self, _theta: Floats) -> Floats:
+        return self.slopes
+
+
+def fitted(model: RecordingModel, tells: Floats, rng: np.random.Generator) -> tuple[Linear, Floats]:
+    """Two parameters that are 0, fitted to noise; `tells` says how much each frame tells of them (F, 2)."""
+    frames = len(tells)
+    points = Points(
+        np.repeat(np.arange(frames), len(PLACES)),
+        np.repeat(np.linspace(0.0, 6.0, frames), len(PLACES)),
+        np.tile(PLACES, frames),
+        np.zeros((frames * len(PLACES), 3)),
+    )
+    model = replace(model, recording=replace(model.recording, points=points))
+    waves = np.sin(np.outer(PLACES / PLACES[-1], np.pi * np.arange(1, 3)))
+    slopes = np.einsum("fn,sn,an->fsan", tells, waves, rng.normal(size=(3, 2))).reshape(-1, 2)
+    noise = rng.normal(size=len(slopes))
+    theta = -np.linalg.lstsq(slopes, noise)[0]
+    used = np.ones(len(points.frame), dtype=bool)
+    return Linear((model,), (used,), noise + slopes @ theta, slopes), theta
+
+
+@pytest.mark.parametrize("frames", [4, 6, 12, 40])
+@pytest.mark.parametrize("even", [True, False])
+def test_intervals_hold_the_truth_in_some_95_percent(frames: int, even: bool) -> None:
+    rng = np.random.default_rng(frames)
+    tells = np.ones((frames, 2)) if even else np.linspace(0.1, 1.0, frames)[:, None] ** 2 * np.ones(2)
+    model, held = with_motion(MOVED), []
+    for _ in range(500):
+        problem, theta = fitted(model, tells, rng)
+        low, high = jackknife(cast(Any, problem), theta)
+        held.append((low < 0.0) & (high > 0.0))
+    # of four frames that tell unlike much, how much they differ is guesswork
+    assert (0.91 if even or frames > 4 else 0.88) < np.mean(held) < 0.985
+
+
+def test_of_what_one_block_alone_tells_there_is_no_interval() -> None:
+    tells = np.ones((BLOCKS, 2))
+    tells[1:, 1] = 0.0
+    problem, theta = fitted(with_motion(MOVED), tells, np.random.default_rng(0))
+    low, high = jackknife(cast(Any, problem), theta)
+    assert np.isfinite([low[0], high[0]]).all()
+    assert np.isnan([low[1], high[1]]).all()

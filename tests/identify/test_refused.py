@@ -14,7 +14,7 @@ from dlolib.sim.continuum import simulated
 from dlolib.sim.rod import Rod
 from dlolib.types import Estimate, Recording
 
-QUICK = IdentifySettings(bootstrap=20)
+SETTINGS = IdentifySettings()
 
 
 @pytest.mark.parametrize("what", ["linear_density_kg_m", "diameter_m", "length_m", "name"])
@@ -22,12 +22,12 @@ def test_recordings_of_different_objects(what: str) -> None:
     other = {"linear_density_kg_m": None, "diameter_m": 0.02, "length_m": 0.6, "name": "hose"}[what]
     one = recording()
     with pytest.raises(ParameterError, match=f"other has object.{what}"):
-        identify([one, replace(one, name="other", rope=replace(ROPE, **{what: other}))], QUICK)
+        identify([one, replace(one, name="other", rope=replace(ROPE, **{what: other}))], SETTINGS)
 
 
 def test_recordings_of_one_name() -> None:
     with pytest.raises(ParameterError, match="2 recordings are named made"):
-        identify([recording(), recording()], QUICK)
+        identify([recording(), recording()], SETTINGS)
 
 
 def test_recordings_of_known_and_of_unknown_roll() -> None:
@@ -35,14 +35,14 @@ def test_recordings_of_known_and_of_unknown_roll() -> None:
     one = recording()
     other = replace(one, name="other", ends=replace(one.ends, start_roll_known=False))
     with pytest.raises(ParameterError, match="rolled is known in made and not in other") as refused:
-        identify([one, other], QUICK)
+        identify([one, other], SETTINGS)
     assert refused.value.place == "recording.json" and "ends.roll_known" in str(refused.value.mend)
 
 
 def test_a_rope_that_nothing_loads() -> None:
     floating = simulated(replace(recording(), gravity_m_s2=np.zeros(3)), Rod(ROPE, EI, EI))
     with pytest.raises(ParameterError, match="no load tells"):
-        identify([floating], QUICK)
+        identify([floating], SETTINGS)
 
 
 def test_a_fit_that_goes_on_to_where_no_load_bends_the_rope() -> None:
@@ -50,19 +50,19 @@ def test_a_fit_that_goes_on_to_where_no_load_bends_the_rope() -> None:
     made = recording()
     upwards = replace(made, gravity_m_s2=-made.gravity_m_s2)
     with pytest.raises(ParameterError, match="no load tells .* at the best EI"):
-        identify([upwards], QUICK)
+        identify([upwards], SETTINGS)
 
 
 def test_a_rope_that_was_seen_elsewhere_than_it_is_held() -> None:
     made = recording()
     turned = replace(made.points, s_m=made.points.s_m - 0.01, xyz_m=made.points.xyz_m[::-1])
     with pytest.raises(ParameterError, match="made: the rope's start was seen .* mm from where it was held"):
-        identify([replace(made, points=turned)], QUICK)
+        identify([replace(made, points=turned)], SETTINGS)
 
 
 def test_all_frames_held_out() -> None:
     with pytest.raises(ParameterError, match="every frame is held out"):
-        identify([replace(recording(), heldout_frames=(0, 5))], QUICK)
+        identify([replace(recording(), heldout_frames=(0, 5))], SETTINGS)
 
 
 def test_a_clock_that_jumped() -> None:
@@ -96,4 +96,4 @@ def _found_in(made: Recording, only: np.ndarray, **settings: Any) -> Estimate:
         xyz_m=made.points.xyz_m[only] + np.random.default_rng(1).normal(0, 2e-4, (int(only.sum()), 3)),
     )
     one: Recording = replace(made, points=points)
-    return identify([one], replace(QUICK, **settings)).fit.parameters["bending_stiffness"]
+    return identify([one], replace(SETTINGS, **settings)).fit.parameters["bending_stiffness"]

@@ -19,7 +19,7 @@ from tests.pipeline.conftest import ROOT
 
 OTHERS = sorted(set(EFFECTS) - {"plastic_bending", "clock_offset"})
 SMALL = {
-    "identify": {"iterations": 5, "bootstrap": 10, "paper_on": []},
+    "identify": {"iterations": 5, "paper_on": []},
     "diagnose": {"without": OTHERS, "most_effects": 1, "starts": 1, "workers": 1},
     "rod": {"particles": 12, "longest_segment_m": 0.05},
     "learn": {

@@ -16,7 +16,7 @@ from dlolib.identify.parameters import END_ANGLES, REST_CURVATURES, STIFFNESSES,
 from dlolib.lab.camera import Sensor
 from dlolib.lab.rope import LabRope
 from dlolib.learn import LearnSettings
-from dlolib.params import EFFECTS, FITTED, Chain, Identify, Params, load, load_block
+from dlolib.params import EFFECTS, FITTED, Chain, Diagnose, Params, load, load_block
 from dlolib.sim.effects import EFFECTS as LIBRARY
 from dlolib.sim.upright import ROLL
 from stages.diagnose import settings as diagnose_settings
@@ -86,10 +86,10 @@ def test_names_that_may_be_given_are_those_of_the_library() -> None:
 
 
 def test_the_line_is_the_one_in_the_file(tmp_path: Path) -> None:
-    path = written(tmp_path, "bootstrap: ", "bootstraps: ")
-    number = next(n for n, line in enumerate(path.read_text().split("\n"), 1) if "bootstraps" in line)
+    path = written(tmp_path, "heldout_share: ", "heldout_shares: ")
+    number = next(n for n, line in enumerate(path.read_text().split("\n"), 1) if "heldout_shares" in line)
     assert refused(path).startswith(
-        f"line {number}, identify.bootstraps: unknown key; did you mean `bootstrap`?"
+        f"line {number}, identify.heldout_shares: unknown key; did you mean `heldout_share`?"
     )
 
 
@@ -102,7 +102,7 @@ def test_a_block_is_read_without_the_others(tmp_path: Path) -> None:
     path.write_text("".join(TEXT.partition("\nchain:\n")[1:]).replace("seed", "sead"))
     assert load_block(Chain, path) == load_block(Chain, ROOT / "params.yaml")
     with pytest.raises(ParameterError, match="did you mean `seed`"):
-        load_block(Identify, path)
+        load_block(Diagnose, path)
     path.write_text("rod: {}\n")
     with pytest.raises(ParameterError, match="chain: this block is missing"):
         load_block(Chain, path)

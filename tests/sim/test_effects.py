@@ -13,7 +13,8 @@ from dlolib.sim import simulate
 from dlolib.sim.differentiate import Case, Cotangent, Variation, gradient, sensitivities, zero_tangent
 from dlolib.sim.effects import EFFECTS, named, of_the_rope
 from dlolib.sim.recording import RecordingModel
-from dlolib.sim.rod import Rod, scene_of
+from dlolib.sim.rod import Rod, scene_of, setup
+from dlolib.sim.scene import INERTIA, LOAD
 from dlolib.sim.sides import sides_of
 from dlolib.sim.simulate import Clock, roll_out
 from dlolib.types import Ends, Floats, Motion, Obstacle, Points, Recording
@@ -305,3 +306,14 @@ def test_the_page_lists_every_parameter() -> None:
     page = Path("docs/effects.md").read_text(encoding="utf-8")
     for effect in EFFECTS.values():
         assert all(f"`{p.name}`: {p.says} | {p.unit} |" in page for p in effect.PARAMETERS), effect.NAME
+
+
+def test_a_rope_without_inertia_has_none_in_a_dynamic_recording() -> None:
+    made = setup(rod_with("inertia_drag", {"inertia": 0.0, "drag": 0.0}), np.zeros(3), Ends(), moving=True)
+    assert made.moving and not made.particles[:, INERTIA].any()
+
+
+def test_a_load_per_length_is_on_all_of_a_longer_rope() -> None:
+    rod = Rod(ROPE, EI, GJ, {"length_error.relative": 0.1, "lateral_load.x": 0.2}, PARTICLES)
+    force = setup(rod, np.zeros(3), Ends()).particles[:, LOAD].sum()
+    assert force == pytest.approx(0.2 * 1.1 * ROPE.length_m)

@@ -57,7 +57,7 @@ def _words(results: Results) -> str:
     text = (
         "The rod's parameters are those with which its simulation, moved by the recorded poses, comes "
         "closest to the observed points; the gradient goes through the simulator. Intervals hold 95 % "
-        "and are scaled to the residual that is left, by a block bootstrap over frames."
+        "and are scaled to the residual that is left, by a jackknife over blocks of frames."
     )
     others = [name for name in results.recordings if name != CAPTURED]
     if others:

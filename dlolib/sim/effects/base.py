@@ -205,8 +205,8 @@ class Setup:
 
     @property
     def particles_m(self) -> Floats:
-        """The length of rope that each particle stands for [m], (n,)."""
-        return particle_lengths(float(self.arc_m[-1]), len(self.arc_m))
+        """The length of rope that each particle stands for [m], (n,); that of a `length_error`, too."""
+        return particle_lengths(self.length_m, len(self.arc_m))
 
     def joint_arc_m(self) -> tuple[Floats, Floats]:
         """Arc length where each joint's piece of the rope begins and ends [m], (n,) each."""

@@ -25,8 +25,8 @@ STIFFENS = True
 
 
 def apply(setup: Setup, values: Mapping[str, float]) -> Setup:
-    """Inertial mass and drag of every particle; a quasi-static rod has neither."""
-    if values["inertia"] == 0.0 and values["drag"] == 0.0:
+    """Inertial mass and drag of every particle; a quasi-static rod that has neither stays one."""
+    if not setup.moving and values["inertia"] == 0.0 and values["drag"] == 0.0:
         return setup
     particles = setup.particles.copy()
     particles[:, INERTIA] = values["inertia"] * setup.weight
