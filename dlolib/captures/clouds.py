@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import ClassVar, Self
 
 from dlolib.captures.foreign import Asked, FramesAlone, Shot
-from dlolib.captures.redwood import at_rate, numbered
+from dlolib.captures.redwood import at_rate, numbered, unnumbered
 
 
 @dataclass(frozen=True)
@@ -20,6 +20,7 @@ class Clouds(FramesAlone):
 
     files: tuple[Path, ...]
     t_s: tuple[float, ...]
+    odd: list[str]
 
     @classmethod
     def matches(cls, path: Path) -> bool:
@@ -32,12 +33,18 @@ class Clouds(FramesAlone):
         found = numbered(path, (".ply",))
         rate, where = asked.given.rate_hz, asked.given.file
         times = tuple(at_rate(number, rate, where, found[number]) for number in sorted(found))
-        return cls(tuple(found[number] for number in sorted(found)), times)
+        files = tuple(found[number] for number in sorted(found))
+        return cls(files, times, unnumbered(path, (".ply",)))
 
     @property
     def count(self) -> int:
         """How many clouds there are."""
         return len(self.files)
+
+    @property
+    def doubts(self) -> list[str]:
+        """What is left out: clouds without a number."""
+        return self.odd
 
     def shots(self) -> Iterator[Shot]:
         """One cloud after the other."""

@@ -24,13 +24,18 @@ DVC_CACHE = ("files", "md5")
 
 def check_inside(paths: Iterable[Path], folder: Path) -> None:
     """Refuse a link that leads out of the recording's folder: an archive could name any file of the machine.
+    And one that leads to itself.
 
     Raises:
         FormatError: names the link.
     """
     root = folder.resolve()
     for path in paths:
-        target = path.resolve()
+        try:
+            target = path.resolve()
+        except (OSError, RuntimeError) as error:
+            problem = "is a link that leads to itself"
+            raise FormatError(problem, file=path, mend="put the file itself there") from error
         if not target.is_relative_to(root) and target.parts[-4:-2] != DVC_CACHE:
             problem = "is a link that leads out of the folder"
             raise FormatError(problem, file=path, mend="put the file itself there")

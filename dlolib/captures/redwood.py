@@ -18,6 +18,7 @@ from dlolib.captures.plausible import unpaired
 from dlolib.errors import FormatError
 
 DEPTH_SCALE = 1000.0
+IMAGES = (".png", ".jpg", ".jpeg")
 COLOR = ("color", "rgb", "image")
 INTRINSICS = ("intrinsic.json", "camera_intrinsic.json", "intrinsics.json", "camera_intrinsics.json")
 # Redwood's names: the image's number, and its time in microseconds.
@@ -54,6 +55,7 @@ class RedwoodFolder(FramesAlone):
             color, depth, odd = _by_time(color, depth, path)
         else:
             _check_numbers(color, depth, folder, path / "depth")
+        odd += [line for one in (folder, path / "depth") for line in unnumbered(one, IMAGES)]
         content, optics = _intrinsics(path)
         times = _times(depth, asked.given.rate_hz or content.get("fps"), asked.given.file)
         return cls(
@@ -67,7 +69,7 @@ class RedwoodFolder(FramesAlone):
 
     @property
     def doubts(self) -> list[str]:
-        """Images that are left out: none of the other kind was taken at their time."""
+        """What is left out: images that have no number, or no fellow at their time."""
         return self.odd
 
     def shots(self) -> Iterator[Shot]:
@@ -84,9 +86,9 @@ def numbered(folder: Path, ends: tuple[str, ...]) -> dict[int, Path]:
         FormatError: there is none, or two have one number.
     """
     found: dict[int, Path] = {}
-    for path in sorted(folder.iterdir()):
+    for path in _of_kind(folder, ends):
         name = NAME.fullmatch(path.stem)
-        if path.suffix.lower() not in ends or name is None:
+        if name is None:
             continue
         number = int(name["number"])
         if number in found:
@@ -97,6 +99,18 @@ def numbered(folder: Path, ends: tuple[str, ...]) -> dict[int, Path]:
         problem = f"holds no numbered {' or '.join(ends)}"
         raise FormatError(problem, file=folder, mend="name the files 000000, 000001, ...")
     return found
+
+
+def unnumbered(folder: Path, ends: tuple[str, ...]) -> list[str]:
+    """That files of a folder are left out because their names begin with no number."""
+    left = [path.name for path in _of_kind(folder, ends) if not NAME.fullmatch(path.stem)]
+    problem = f"{len(left)} files without a number are left out, the first {left[0]}" if left else ""
+    mend = "name them as the others, or remove them"
+    return [str(FormatError(problem, file=folder, mend=mend))] if left else []
+
+
+def _of_kind(folder: Path, ends: tuple[str, ...]) -> list[Path]:
+    return sorted(path for path in folder.iterdir() if path.suffix.lower() in ends)
 
 
 def at_rate(number: int, rate_hz: float | None, asked_in: Path, what: Path) -> float:
@@ -112,7 +126,7 @@ def at_rate(number: int, rate_hz: float | None, asked_in: Path, what: Path) -> f
 
 
 def _images(folder: Path) -> dict[int, Path]:
-    return numbered(folder, (".png", ".jpg", ".jpeg"))
+    return numbered(folder, IMAGES)
 
 
 def _stamp_s(image: Path) -> float | None:

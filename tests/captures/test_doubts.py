@@ -123,6 +123,25 @@ def test_a_link_in_a_foreign_folder(tmp_path: Path) -> None:
         ingest(folder, tmp_path / "out", object_json=about)
 
 
+def test_a_link_that_leads_to_itself(tmp_path: Path) -> None:
+    about = foreign.given(tmp_path / "object.json")
+    folder = foreign.redwood(tmp_path / "source", foreign.frames())
+    (folder / "depth" / "readme.png").symlink_to(folder / "depth" / "readme.png")
+    with pytest.raises(FormatError, match=r"readme.png: is a link that leads to itself; "):
+        ingest(folder, tmp_path / "out", object_json=about)
+
+
+def test_images_without_a_number_are_counted(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    about = foreign.given(tmp_path / "object.json", camera=foreign.camera_of())
+    folder = foreign.redwood(tmp_path / "source", foreign.frames())
+    path = sorted(folder.glob("depth/*"))[1]
+    path.rename(path.with_name("frame.png"))
+    ingest(folder, tmp_path / "out", object_json=about)
+    assert any(
+        "depth: 1 files without a number are left out, the first frame.png" in line for line in said(caplog)
+    )
+
+
 def test_depth_images_without_color_are_counted(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     about = foreign.given(tmp_path / "object.json", camera=foreign.camera_of())
     folder = foreign.tum(tmp_path / "source", foreign.frames())
