@@ -60,6 +60,20 @@ def unhidden(view: View, hidden: Mask) -> View:
     return replace(view, levels=levels)
 
 
+def hidden_sides(grids: list[Floats], radii_px: list[Floats], hidden: Mask) -> list[NDArray[np.bool_]]:
+    """Samples (N,) of each line where `hidden` (H, W) lies in the rope's section: something hides a side."""
+    found = [np.zeros(len(grid), dtype=np.bool_) for grid in grids]
+    if hidden.any():
+        rows, columns = np.nonzero(hidden)
+        pixels = np.stack([columns, rows], axis=-1).astype(np.float64)
+        sections = Sections.of(grids, pixels, max(float(radius.max()) for radius in radii_px))
+        for number, radius in enumerate(radii_px):
+            mine = sections.line == number
+            sample, across = sections.sample[mine], sections.across[mine]
+            found[number][sample[np.abs(across) < radius[sample]]] = True
+    return found
+
+
 def by_free_edge(
     grids: list[Floats], radii_px: list[Floats], hidden: Mask, view: View, half_wave_px: float
 ) -> list[Floats]:

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlolib.chain.centre import Sections, centred_lines, tangents
-from dlolib.chain.hiding import by_free_edge, hidden_by, unhidden
+from dlolib.chain.hiding import by_free_edge, hidden_by, hidden_sides, unhidden
 from dlolib.chain.settings import ChainSettings
 from dlolib.chain.shading import LARGEST_ERROR_PX, shaded_middles, stretched
-from dlolib.chain.sight import both_sides, bridged, contested, whole
+from dlolib.chain.sight import between, both_sides, bridged, contested, whole
 from dlolib.chain.smooth import noise_gain, smoothed
 from dlolib.chain.view import View
 from dlolib.types import Floats
@@ -101,6 +101,7 @@ def lift(
     depths = _depths(grids, sections.take(view.read), width, view)
     radii = _radii(grids, depths, width, view, radius_m)
     counting = view.read
+    hidden = np.zeros_like(view.mask)
     if fine:
         hidden, lit = hidden_by(grids, depths, radii, view), view
         if hidden.any():
@@ -112,7 +113,7 @@ def lift(
         sections = Sections.of(grids, view.pixels, width)
     readings, cloud_m = sections.take(counting), view.cloud_m[counting[view.read]]
     strands = []
-    beside = contested(grids, width)
+    beside, cut = contested(grids, width), hidden_sides(grids, radii, hidden)
     full = whole(radii, view, sections)
     for number, grid in enumerate(grids):
         mine = readings.line == number
@@ -121,6 +122,7 @@ def lift(
             readings.take(mine),
             cloud_m[mine],
             beside[number],
+            cut[number],
             view,
             radius_m,
             width,
@@ -191,6 +193,7 @@ def _read_depth(
     sections: Sections,
     cloud: Floats,
     beside: NDArray[np.bool_],
+    cut: NDArray[np.bool_],
     view: View,
     radius_m: float,
     width: float,
@@ -235,7 +238,10 @@ def _read_depth(
     count[unclear] = 0
     read = np.bincount(sample[near & inner], minlength=len(grid)) * ~unclear
     left = sigma * noise_gain(read.astype(np.float64), settings.smooth_m / pitch)
-    return Strand(grid, view.space(grid, curve), bridged(count > 0, beside, reach), sigma, left)
+    seen = bridged(count > 0, beside, reach)
+    # what hides a side leaves no reading: across a wave the depth to both sides tells it
+    seen |= between(seen, max(round(settings.smooth_m / pitch), 1)) & cut & ~beside
+    return Strand(grid, view.space(grid, curve), seen, sigma, left)
 
 
 def _medians(sample: NDArray[np.intp], depth: Floats, count: int, half_wave: float) -> Floats:

@@ -12,7 +12,9 @@ from dlolib.chain.view import View
 from dlolib.types import Floats
 
 APART_WIDTHS = 3.0
-SLIVER, SLIVER_SAMPLES = 0.55, 5
+SLIVER_SAMPLES = 5
+# How well a section's width is known.
+WIDTH_PX = 0.2
 # Up to three quarters of what is seen may be slivers.
 WHOLE_QUANTILE = 0.75
 
@@ -33,7 +35,7 @@ def contested(grids: list[Floats], width: float) -> list[NDArray[np.bool_]]:
 def whole(radii_px: list[Floats], view: View, sections: Sections) -> list[NDArray[np.bool_]]:
     """Samples (N,) of each line whose section is not just a sliver that something leaves to be seen.
 
-    Where less than half of the width shows, the rope's middle is hidden, and nothing tells where it is.
+    Where no more than half of the width shows, the rope's middle is hidden, and nothing tells where it is.
     How much a section should show, its radius [px] tells, (N,) each, up to what the mask leaves of all.
     `sections` are those of the view's pixels.
     """
@@ -43,7 +45,8 @@ def whole(radii_px: list[Floats], view: View, sections: Sections) -> list[NDArra
         across = np.bincount(sections.sample[mine], view.shares[mine], minlength=len(radius))
         widths.append(uniform_filter1d(across, SLIVER_SAMPLES, mode="nearest") / radius)
     typical = float(np.quantile(np.concatenate(widths), WHOLE_QUANTILE))
-    slivers = [across < SLIVER * typical for across in widths]
+    pairs = zip(widths, radii_px, strict=True)
+    slivers = [across < 0.5 * typical + WIDTH_PX / radius for across, radius in pairs]
     # A tip is round, and its corners are cut: only what is longer is a sliver.
     return [
         ~np.asarray(binary_opening(sliver, np.ones(SLIVER_SAMPLES, dtype=np.bool_))) for sliver in slivers
@@ -59,15 +62,19 @@ def both_sides(sample: NDArray[np.intp], across: Floats, count: int) -> NDArray[
     return np.asarray(near[0] & near[1], dtype=np.bool_)
 
 
+def between(some: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
+    """Samples (N,) that are some of these, or lie in a stretch of up to twice `reach` between two of them."""
+    padded = binary_closing(np.pad(some, 2 * reach), np.ones(2 * reach + 1, dtype=np.bool_))
+    return np.asarray(padded[2 * reach : -2 * reach], dtype=np.bool_)
+
+
 def bridged(read: NDArray[np.bool_], contested: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
     """Samples (N,) with readings, or in a stretch of up to twice `reach` without; a wider one stays whole.
 
     The outermost readings of a strand lie in the band that is left out: its tips may reach out as far,
     unless another strand lies over them.
     """
-    closed = binary_closing(np.pad(read, 2 * reach), np.ones(2 * reach + 1, dtype=np.bool_))[
-        2 * reach : -2 * reach
-    ]
+    closed = between(read, reach)
     tips = np.zeros(len(read), dtype=np.bool_)
     tips[:reach] = tips[-reach:] = True
     near = maximum_filter1d(read, 2 * reach + 1, mode="constant")

@@ -111,6 +111,20 @@ def test_beside_a_pillar_that_hides_one_edge_the_middle_stays_the_rope_s(
     assert np.sqrt(np.mean((chain.xyz_m[upper, 0] - 0.2) ** 2)) < 0.75e-3
 
 
+@pytest.mark.parametrize("side", [-1, 1], ids=["left hidden", "right hidden"])
+def test_the_rope_is_seen_right_up_to_what_hides_it(side: int) -> None:
+    z = np.linspace(-0.2, 0.2, 400)
+    axis = np.stack([0.2 + 0.01 * z, np.zeros(400), z], axis=-1)
+    # It covers half of the rope's width from 25 mm below the middle to 25 above.
+    box = ((0.2 if side > 0 else 0.15, -0.05, -0.025), (0.05, 0.02, 0.05))
+    scene = Scene(boxes=(box,))
+    index = index_of(NOWHERE, [axis], scene, clamped=False)
+    chain = chain_frame(seen(axis, scene), index, ChainSettings(points=200))
+    gap = int(np.argmax(np.diff(chain.s_m)))
+    low, high = chain.xyz_m[gap : gap + 2, 2]
+    assert -0.028 < low < -0.024 and 0.025 < high < 0.029
+
+
 def test_the_tracker_gives_the_chain_of_each_frame() -> None:
     axes = [loop(depth=0.25), loop(depth=0.27)]
     scene = Scene()
