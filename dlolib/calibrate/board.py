@@ -19,7 +19,7 @@ from dlolib.formats._schema import Strict
 from dlolib.types import Floats
 
 PREFIX = "DICT_"
-LARGEST_M = 2.0
+SMALLEST_M, LARGEST_M = 1e-4, 2.0
 # One marker's corners leave nothing over by which a wrong one would show; six of a chessboard do.
 LEAST_CORNERS = {"charuco": 6, "aruco": 4}
 Count = Annotated[int, Field(ge=1, le=100)]
@@ -33,8 +33,8 @@ class BoardModel(Strict):
 
     type: Literal["charuco", "aruco"]
     squares: Annotated[tuple[Count, Count], Field(strict=False)]
-    square_m: float = Field(gt=0, le=LARGEST_M)
-    marker_m: float = Field(gt=0, le=LARGEST_M)
+    square_m: float = Field(ge=SMALLEST_M, le=LARGEST_M)
+    marker_m: float = Field(ge=SMALLEST_M, le=LARGEST_M)
     dictionary: str
     legacy_pattern: bool = False
 

@@ -100,11 +100,11 @@ def _in_marker(marker: MarkerModel, number: int, path: Path) -> Obstacle:
     """The obstacle in the marker's axes; a cylinder has the marker on its top's middle unless it says so."""
     given = dict(marker.obstacle)
     height = given.get("height_m")
-    if given.get("shape") == "cylinder" and isinstance(height, int | float):
-        given = {"center_m": [0.0, 0.0, -height / 2], "axis": [0.0, 0.0, 1.0]} | given
     try:
+        if given.get("shape") == "cylinder" and isinstance(height, int | float):
+            given = {"center_m": [0.0, 0.0, -height / 2], "axis": [0.0, 0.0, 1.0]} | given
         return parse_obstacle(given, "")
-    except ValueError as error:
+    except (ValueError, OverflowError) as error:
         problem, _, mend = str(error).partition("; ")
         place = f"markers.{number}.obstacle"
         raise FormatError(problem, file=path, place=place, mend=mend or "correct the value") from error

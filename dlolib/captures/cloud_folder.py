@@ -64,11 +64,17 @@ def _promised(data: bytes, path: Path) -> int:
     header = data[: end.start()].decode("ascii", errors="replace").split("\n") if end else []
     words = [line.split() for line in header]
     counts = [int(w[2]) for w in words if w[:2] == ["element", "vertex"] and len(w) == 3 and w[2].isdigit()]
-    if not data.startswith(b"ply") or end is None or not counts:
+    if not data.startswith(b"ply") or end is None or len(counts) != 1:
         raise FormatError("is no PLY with vertices", file=path, mend="save the cloud as PLY")
     first = next(number for number, word in enumerate(words) if word[:2] == ["element", "vertex"])
-    properties = takewhile(lambda word: word[:1] == ["property"], words[first + 1 :])
-    sizes = [BYTES.get(word[1], 1) for word in properties]
+    properties = list(takewhile(lambda word: word[:1] == ["property"], words[first + 1 :]))
+    odd = next((word for word in properties if len(word) != 3 or word[1] not in BYTES), None)
+    lacking = [axis for axis in "xyz" if axis not in [word[-1] for word in properties]]
+    if odd or lacking:
+        problem = f"no number {lacking[0]}" if lacking else f"{' '.join(odd or ())!r} is no number"
+        mend = "save the points as x, y and z"
+        raise FormatError(f"{problem} of its vertices", file=path, place="header", mend=mend)
+    sizes = [BYTES[word[1]] for word in properties]
     binary = any(word[:1] == ["format"] and word[1].startswith("binary") for word in words if len(word) > 1)
     body = data[end.end() :]
     held = len(body) // max(sum(sizes), 1) if binary else len(body.split()) // max(len(sizes), 1)

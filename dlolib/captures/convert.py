@@ -75,18 +75,19 @@ def convert(foreign: Foreign, path: Path, given: Given, out: Path, motion_csv: P
         write_capture_index(_with_backgrounds(index, given), folder)
         if motion_csv is not None:
             shutil.copyfile(motion_csv, folder / "motion.csv")
-        odd = _check_written(folder, path)
+        odd = _check_written(folder, path, motion_csv or path)
     say([*foreign.doubts, *odd])
     return read_capture_index(out)
 
 
-def _check_written(folder: Path, path: Path) -> list[str]:
-    """Read the capture before it appears: what is wrong with it is wrong with the recording; what is odd."""
+def _check_written(folder: Path, path: Path, motion: Path) -> list[str]:
+    """Read the capture before it appears: what is wrong with it is wrong with the recording; what is odd of
+    the motion, which is in that file."""
     try:
         index = read_capture_index(folder)
         check_times(index)
         check_optics(index)
-        return [] if index.motion is None else motion_doubts(index.motion, index.t_s, path / "motion.csv")
+        return [] if index.motion is None else motion_doubts(index.motion, index.t_s, motion)
     except FormatError as error:
         name = error.file.name if error.file else ""
         place = ", ".join(part for part in (f"as {name}", error.place) if part)
@@ -95,6 +96,10 @@ def _check_written(folder: Path, path: Path) -> list[str]:
 
 def _motion(foreign: Foreign, path: Path, given: Given, motion_csv: Path | None) -> Motion | None:
     if motion_csv is not None:
+        if not np.array_equal(given.tool_from_grasp, np.eye(4)):
+            problem = f"counts with --topic motion=NAME alone: {motion_csv.name} holds the poses of the ends"
+            mend = "leave it out, or write the poses of the rope's ends into the table"
+            raise FormatError(problem, file=given.file, place="tool_from_grasp", mend=mend)
         return read_given_motion(motion_csv, given)
     if foreign.motion is not None:
         return foreign.motion

@@ -77,7 +77,7 @@ def ingest(
         ParameterError: a topic's role that the format does not know.
     """
     source, out = Path(source), Path(out)
-    check_out(out, "capture.json", source)
+    check_out(out, ("capture.json", "frames.csv"), source)
     if (found := _format(source)) is None:
         return _copied(source, out, motion_csv, topics, object_json)
     _check_roles(found, topics or {})

@@ -124,12 +124,12 @@ def read_calibration(data: bytes, path: Path, depth_size: Size, color_size: Size
         models = {camera["Intrinsics"]["ModelType"] for camera in (depth, color)}
         pose = _pose(color) @ np.linalg.inv(_pose(depth))
         lenses = (_lens(depth, *DEPTH_MODES[depth_size]), _lens(color, *COLOR_MODES[color_size]))
-    except (ValueError, KeyError, TypeError, np.linalg.LinAlgError) as error:
+    except (ValueError, LookupError, TypeError, OverflowError, np.linalg.LinAlgError) as error:
         problem, mend = "the attached calibration is damaged", "record it again with k4arecorder"
         raise FormatError(problem, file=path, place=place, mend=mend) from error
     if models != {MODEL}:
         mend = "give a recording with Brown and Conrady's lens, as the device stores it"
-        raise FormatError(f"unknown lens {sorted(models)}", file=path, place=place, mend=mend)
+        raise FormatError(f"unknown lens {sorted(map(str, models))}", file=path, place=place, mend=mend)
     return Calibration(*lenses, pose)
 
 

@@ -17,7 +17,7 @@ from dlolib.captures.pictures import decode_color, decode_depth
 from dlolib.captures.plausible import unpaired
 from dlolib.errors import FormatError
 
-DEPTH_SCALE = 1000.0
+DEPTH_SCALE, HUGE = 1000.0, 1e300
 IMAGES = (".png", ".jpg", ".jpeg")
 COLOR = ("color", "rgb", "image")
 INTRINSICS = ("intrinsic.json", "camera_intrinsic.json", "intrinsics.json", "camera_intrinsics.json")
@@ -177,14 +177,15 @@ def _intrinsics(folder: Path) -> tuple[dict[str, Any], dict[str, float]]:
         optics |= {"fx": matrix[0, 0], "fy": matrix[1, 1], "cx": matrix[0, 2], "cy": matrix[1, 2]}
         optics["depth_scale"] = float(content.get("depth_scale", DEPTH_SCALE))
         rate = content.get("fps")
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
         mend = "give width, height and intrinsic_matrix (9 numbers, column by column)"
         raise FormatError("is no camera of Open3D", file=path, mend=mend) from error
     if not np.array_equal(matrix[2], [0, 0, 1]):
         problem = f"the last row of the camera's matrix is {matrix[2].tolist()}, not [0, 0, 1]"
         raise FormatError(problem, file=path, place="intrinsic_matrix", mend="give it column by column")
     numbers = [*optics.values(), *([] if rate is None else [rate])]
-    plausible = all(isinstance(n, int | float) and np.isfinite(n) for n in numbers)
+    # JSON's whole numbers may be too large for a float
+    plausible = all(isinstance(n, int | float) and abs(n) < HUGE for n in numbers)
     if not plausible or min(optics["fx"], optics["fy"], optics["depth_scale"], rate or 1) <= 0:
         raise FormatError("a number in it is none, or not positive", file=path, mend="correct it")
     return content, {name: float(value) for name, value in optics.items()}

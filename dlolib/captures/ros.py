@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +23,10 @@ from dlolib.formats import Given
 from dlolib.types import Floats, Motion
 
 INFO = "sensor_msgs/msg/CameraInfo"
+METADATA = "metadata.yaml"
 TRANSPORTS = ("/compressedDepth", "/compressed")
+# RealSense's own recorder names each sensor, and aligns none to another.
+OF_A_SENSOR = re.compile(r"/device_\d+/(?P<sensor>sensor_\d+)/")
 # The driver of RealSense calls aligned depth image_raw, whatever the image is that it is aligned to.
 ALIGNED, OF_A_DRIVER = "/aligned_depth_to_color/", "_raw"
 
@@ -42,22 +46,26 @@ class RosBag:
     lenses: Mapping[Role, Lens]
     world_from_camera: Floats | None
     motion: Motion | None
+    odd: list[str]
 
     @classmethod
     def matches(cls, path: Path) -> bool:
         """By the name of the file, or the metadata of a ROS 2 folder."""
-        return path.suffix in STORED if path.is_file() else (path / "metadata.yaml").is_file()
+        return path.suffix in STORED if path.is_file() else (path / METADATA).is_file() or bool(_parts(path))
 
     @classmethod
     def open(cls, path: Path, asked: Asked) -> Self:
         """Find out which topic is what, pair the images, read calibration and poses."""
+        path = _whole(path)
         with Bag(path) as bag:
             topics = _images(bag, asked.topics)
             lenses, optics = _calibration(bag, topics, asked)
             stamps = _stamps(bag, topics)
             pairs = paired(stamps["depth"], stamps["color"], path)
             view, motion = _poses(bag, topics, asked)
-        return cls(path, topics, stamps["depth"], pairs, optics, lenses, view, motion)
+            odd = unpaired(stamps["depth"], len(pairs), path, topics["depth"])
+            odd += _other_axes(bag, topics, asked)
+        return cls(path, topics, stamps["depth"], pairs, optics, lenses, view, motion, odd)
 
     @property
     def count(self) -> int:
@@ -72,8 +80,8 @@ class RosBag:
 
     @property
     def doubts(self) -> list[str]:
-        """Depth images that are left out."""
-        return unpaired(self.depth_s, len(self.pairs), self.path, self.topics["depth"])
+        """Depth images that are left out; a camera's pose whose axes may be others."""
+        return self.odd
 
     def shots(self) -> Iterator[Shot]:
         """Each pair at the stamp of its depth image."""
@@ -96,6 +104,28 @@ class RosBag:
         if self.lenses:
             picture, units = self.lenses["color"].color(picture), self.lenses["depth"].depth(units)
         return Shot(t_s, self.path, depth[1].place, picture, units)
+
+
+def _parts(folder: Path) -> list[Path]:
+    """The files of a folder that holds a ROS 2 recording and no folders."""
+    held = list(folder.glob("*"))
+    bags = sorted(path for path in held if path.suffix in STORED[1:] and path.is_file())
+    return [] if any(path.is_dir() for path in held) else bags
+
+
+def _whole(path: Path) -> Path:
+    """The bag itself; of a folder whose recording was cut off before its metadata was written, its one file.
+
+    Raises:
+        FormatError: there are several.
+    """
+    if path.is_file() or (path / METADATA).is_file():
+        return path
+    parts = _parts(path)
+    if len(parts) > 1:
+        problem = f"has no {METADATA}, and {len(parts)} files"
+        raise FormatError(problem, file=path, mend="make one: ros2 bag reindex")
+    return parts[0]
 
 
 def _size(image: Any) -> str:
@@ -125,6 +155,11 @@ def _images(bag: Bag, named: Mapping[str, str]) -> dict[Role, str]:
             problem = f"{len(topics)} topics can be {role}" if topics else f"no topic has images of {role}"
             mend = f"name one: --topic {role}=NAME, of {', '.join(topics)}" if topics else "record one"
             raise FormatError(problem, file=bag.path, place=role, mend=mend)
+    sensors = {found["sensor"] for topic in chosen.values() if (found := OF_A_SENSOR.match(topic))}
+    if len(sensors) > 1:
+        problem = f"{chosen['depth']} and {chosen['color']} are of two sensors"
+        mend = "record depth that is aligned to color (realsense-ros, align_depth)"
+        raise FormatError(problem, file=bag.path, place="depth", mend=mend)
     return chosen
 
 
@@ -244,3 +279,15 @@ def _poses(bag: Bag, topics: Mapping[Role, str], asked: Asked) -> tuple[Floats |
         None if view is None else one_pose(view.poses, bag.path, named["camera_pose"]),
         None if moved is None else end_motion(moved.t_s, moved.poses, asked.given),
     )
+
+
+def _other_axes(bag: Bag, topics: Mapping[Role, str], asked: Asked) -> list[str]:
+    """That the camera's pose is a frame's of tf that is not the images' own, which tf does not know."""
+    name = asked.topics.get("camera_pose", "")
+    images = bag.first(topics["depth"]).header.frame_id.lstrip("/")
+    frame = name.partition(":")[2].lstrip("/")
+    if not frame or not images or frame == images:
+        return []
+    problem = f"the images are of {images!r}, which tf does not know: its axes are taken to be {frame!r}'s"
+    mend = "check that these are the camera's optical axes (x right, y down, z forward)"
+    return [str(FormatError(problem, file=bag.path, place=f"--topic camera_pose={name}", mend=mend))]

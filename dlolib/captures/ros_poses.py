@@ -41,10 +41,12 @@ class Logged:
 def choices(bag: Bag) -> list[str]:
     """What `poses` takes, for a question: the topics of poses, those of tf with their frames."""
     listed = []
+    trees = [topic for topic, kind in bag.types.items() if kind in KINDS[2:]]
+    moving = [topic for topic in trees if not topic.endswith("static")]
     for topic, kind in sorted(bag.types.items()):
         if kind in (POSE, TRANSFORM):
             listed.append(topic)
-        elif kind in KINDS and not topic.endswith("static"):
+        elif topic in (moving or trees):
             listed += [f"{topic}:{frame}" for frame in sorted(_links(bag))]
     return listed
 

@@ -19,7 +19,7 @@ from dlolib.files import write_csv, write_json
 from dlolib.formats import interpolate_motion
 from dlolib.types import Floats, Motion
 
-LOG_DIGITS = 12
+LOG_DIGITS, ALL_DIGITS, LATE_S = 12, 17, 1e6
 SEARCH_S = 0.05
 LARGEST_LAG_S = 0.5
 CURVE_STEP_M = 2e-5
@@ -74,8 +74,9 @@ def without_repeats(raw: Path) -> pd.DataFrame:
 
 
 def write_log(table: pd.DataFrame, out: Path) -> None:
-    """Write log.csv into the folder `out`."""
-    write_csv(out / "log.csv", table, digits=LOG_DIGITS)
+    """Write log.csv into the folder `out`; times that count from 1970 in full."""
+    late = len(table) and table["timestamp"].abs().max() >= LATE_S
+    write_csv(out / "log.csv", table, digits=ALL_DIGITS if late else LOG_DIGITS)
 
 
 def write_result(result: ExecutionResult, out: Path, **more: Any) -> None:

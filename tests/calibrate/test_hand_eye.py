@@ -170,6 +170,7 @@ def distorted(folder: Path) -> None:
         (change_board(type="chess"), "board.json: type: Input should be 'charuco' or 'aruco', got 'chess'"),
         (change_board(squares=[4]), "board.json: squares"),
         (change_board(square_m=50), "board.json: square_m"),
+        (change_board(marker_m=1e-300), "board.json: marker_m"),
         (
             change_board(marker_m=0.06),
             "board.json: marker_m: 0.06 m is not less than square_m = 0.05; measure",

@@ -131,6 +131,15 @@ def test_a_link_that_leads_to_itself(tmp_path: Path) -> None:
         ingest(folder, tmp_path / "out", object_json=about)
 
 
+def test_a_frame_of_tf_that_is_not_the_images(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """Its axes may be those of the camera's body: x forward."""
+    about = foreign.given(tmp_path / "object.json", camera={})
+    bag = foreign.bag(tmp_path / "rope.bag", foreign.frames(), foreign.Ros(eye="camera_link"))
+    ingest(bag, tmp_path / "out", topics={"camera_pose": "/tf_static:camera_link"}, object_json=about)
+    says = "the images are of 'camera', which tf does not know: its axes are taken to be 'camera_link''s"
+    assert any(says in line for line in said(caplog))
+
+
 def test_images_without_a_number_are_counted(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     about = foreign.given(tmp_path / "object.json", camera=foreign.camera_of())
     folder = foreign.redwood(tmp_path / "source", foreign.frames())

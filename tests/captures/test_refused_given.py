@@ -131,3 +131,14 @@ def test_optics_that_no_camera_has(
     for command in ("ingest", "chain"):
         assert run([command, str(own), "--out", str(tmp_path / "out")]) == 2
         assert says in refused.capfd.readouterr().err
+
+
+def test_a_tool_beside_a_table_of_the_ends_poses(tmp_path: Path, refused: Refusals) -> None:
+    shot = foreign.frames()
+    moved = foreign.motion(shot)
+    grasp = np.eye(4)
+    grasp[2, 3] = 0.1
+    foreign.given(refused.about, **HELD, camera=foreign.camera_of(), tool_from_grasp=grasp.tolist())
+    csv = foreign.elsewhere(tmp_path, moved)
+    says = "object.json: tool_from_grasp: counts with --topic motion=NAME alone: robot.csv holds the poses"
+    refused(foreign.tum(tmp_path / "source", shot), says, "--motion", str(csv))

@@ -16,6 +16,10 @@ from captures import foreign_samples as foreign
 from captures.foreign_samples import Ros
 from captures.refusals import Refusals
 
+from dlolib.captures.cloud_folder import read_cloud
+from dlolib.cli import run
+from dlolib.errors import FormatError
+
 Spoil = Callable[[Path], object]
 ROS = ("ros1", "ros2", "mcap")
 
@@ -388,11 +392,13 @@ def first_camera(**changes: Any) -> dict[str, Any]:
 def test_kinects(tmp_path: Path, refused: Refusals) -> None:
     path = tmp_path / "source.mkv"
     foreign.given(refused.about)
+    nothing = {"ModelParameters": None, "ModelType": None}
     lens = {"ModelParameters": [0.5] * 14, "ModelType": "CALIBRATION_LensDistortionModelRational6KT"}
     for write, says in (
         (kinect(None), "calibration.json: no calibration is attached"),
         (kinect({}), "calibration.json: the attached calibration is damaged"),
         (kinect(first_camera(Intrinsics={})), "calibration.json: the attached calibration is damaged"),
+        (kinect(first_camera(Intrinsics=nothing)), "calibration.json: the attached calibration is damaged"),
         (kinect(first_camera(Intrinsics=lens)), "calibration.json: the attached calibration is damaged"),
         (kinect(foreign.calibration(), tracks="INFRA"), "DEPTH: no track DEPTH, found COLOR, INFRA"),
     ):
@@ -428,7 +434,8 @@ def test_a_realsense_recording_that_librealsense_cannot_read(tmp_path: Path, ref
 
 def clouds(folder: Path, name: str = "000000.ply") -> Path:
     folder.mkdir()
-    (folder / name).write_bytes(b"ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nend_header\n1\n")
+    numbers = b"".join(b"property float %c\n" % axis for axis in b"xyz")
+    (folder / name).write_bytes(b"ply\nformat ascii 1.0\nelement vertex 2\n%send_header\n1 1 1\n" % numbers)
     return folder
 
 
@@ -454,3 +461,57 @@ def test_an_image_of_the_empty_scene_beside_clouds_asks_for_its_optics(
     cv2.imwrite(str(tmp_path / "empty.png"), np.zeros((12, 16, 3), np.uint8))
     foreign.given(refused.about, rate_hz=1.0, background_color="empty.png")
     refused(clouds(tmp_path / "source"), "object.json: camera.width: the recording does not say width")
+
+
+def test_a_recording_is_not_replaced_by_another(tmp_path: Path, refused: Refusals) -> None:
+    """A capture.json may lie beside a camera's images, too."""
+    source, raw = foreign.tum(tmp_path / "source", foreign.frames()), tmp_path / "out"
+    foreign.redwood(raw, foreign.frames())
+    (raw / "capture.json").write_text("{}")
+    refused(source, "out: holds files, and no frames.csv of an earlier run; write to a folder of its own")
+    shutil.rmtree(raw)
+    for _ in range(2):
+        assert run(["ingest", str(source), "--out", str(raw), "--object", str(refused.about)]) == 0
+
+
+def test_two_sensors_of_a_realsense(tmp_path: Path, refused: Refusals) -> None:
+    color, depth = "/device_0/sensor_1/Color_0/image/data", "/device_0/sensor_0/Depth_0/image/data"
+    how = Ros(kind="ros2", topics=(color, depth))
+    source = foreign.bag(tmp_path / "sdk", foreign.frames(), how)
+    refused(source, f"depth: {depth} and {color} are of two sensors; record depth that is aligned to color")
+
+
+@pytest.mark.parametrize("kind", ["ros2", "mcap"])
+def test_a_recording_cut_off_before_its_metadata(tmp_path: Path, refused: Refusals, kind: str) -> None:
+    source = foreign.bag(tmp_path / "cut", foreign.frames(), Ros(kind=kind))
+    (source / "metadata.yaml").unlink()
+    assert refused.status(source)[0] == 0
+    (one,) = (path for path in source.iterdir() if path.suffix in (".db3", ".mcap"))
+    shutil.copyfile(one, source / f"another{one.suffix}")
+    refused(source, "cut: has no metadata.yaml, and 2 files; make one: ros2 bag reindex")
+
+
+def test_poses_that_never_moved_are_poses(tmp_path: Path, refused: Refusals) -> None:
+    source = foreign.bag(tmp_path / "source.bag", foreign.frames(), Ros())
+    foreign.given(refused.about, camera={})
+    refused(source, "or --topic camera_pose=NAME: /tf_static:base, /tf_static:eye")
+
+
+@pytest.mark.parametrize(
+    ("header", "says"),
+    [
+        ("property float x\nproperty float y\nproperty float depth", "no number z of its vertices"),
+        (
+            "property float x\nproperty float y\nproperty list uchar int z",
+            "'property list uchar int z' is no",
+        ),
+        ("property\nproperty float x\nproperty float y\nproperty float z", "'property' is no number"),
+        ("property float x\nproperty float y\nproperty float z\nelement vertex 9", "is no PLY with vertices"),
+    ],
+)
+def test_a_cloud_without_coordinates(tmp_path: Path, header: str, says: str) -> None:
+    path = tmp_path / "000000.ply"
+    body = "1 1 1\n" * 2
+    path.write_text(f"ply\nformat ascii 1.0\nelement vertex 2\n{header}\nend_header\n{body}")
+    with pytest.raises(FormatError, match=says):
+        read_cloud(path)

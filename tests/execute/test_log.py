@@ -10,7 +10,7 @@ import pytest
 
 from dlolib.errors import FormatError
 from dlolib.execute import RobotLog, evaluate, read_log
-from dlolib.execute.log import without_repeats
+from dlolib.execute.log import without_repeats, write_log
 from dlolib.execute.path import sampled
 from dlolib.execute.recorded import columns
 
@@ -102,3 +102,11 @@ def test_a_spoiled_log_is_refused(tmp_path: Path, case: str) -> None:
 def test_a_folder_without_a_log_is_refused(tmp_path: Path) -> None:
     with pytest.raises(FormatError, match=r"no log\.csv here"):
         read_log(tmp_path)
+
+
+@pytest.mark.parametrize("start_s", [0.0, 1_700_000_000.0])
+def test_a_log_that_was_written_is_read_at_any_clock(tmp_path: Path, start_s: float) -> None:
+    t_s = start_s + PERIOD_S * np.arange(50)
+    poses = {name: np.zeros(50) for name in columns({"actual_TCP_pose": 6})}
+    write_log(pd.DataFrame({"timestamp": t_s, **poses}), tmp_path)
+    np.testing.assert_allclose(read_log(tmp_path).t_s, t_s, rtol=0, atol=1e-6)
