@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
+from dlolib.errors import FormatError
 from dlolib.execute.config import read_robot
 from dlolib.execute.limits import RobotConfig
 from dlolib.execute.log import (
     ExecutionResult,
     RobotLog,
     evaluate,
+    path_error,
     read_log,
     without_repeats,
     write_log,
@@ -20,10 +25,12 @@ from dlolib.execute.path import check_path, path_in_base
 from dlolib.execute.stream import Outcome
 from dlolib.execute.supervise import move
 from dlolib.files import whole_file, write_json
-from dlolib.formats import read_motion
+from dlolib.formats import read_motion, say
 from dlolib.types import Motion
 
 RAW = ".recording.csv"
+# A controller's demand is smoothed, and still nearer than this to the trajectory that it was given.
+ANOTHER_M = 5e-3
 
 
 def execute_on_robot(trajectory: Motion | Path, host: str, config: RobotConfig, out: Path) -> ExecutionResult:
@@ -71,13 +78,26 @@ def execute_from_log(trajectory: Motion, folder: Path, out: Path) -> ExecutionRe
     log = read_log(folder)
     robot = folder / "robot.json"
     config = read_robot(robot if robot.is_file() else None)
-    result = evaluate(log, path_in_base(trajectory, config))
+    path = path_in_base(trajectory, config)
+    result = evaluate(log, path)
+    say(_of_another(log, path, result, folder / "log.csv"))
     out.mkdir(parents=True, exist_ok=True)
     with whole_file(out / "log.csv") as copy:
         shutil.copyfile(folder / "log.csv", copy)
     write_result(result, out)
     write_json(out / "robot.json", config.content())
     return result
+
+
+def _of_another(log: RobotLog, path: Motion, result: ExecutionResult, file: Path) -> list[str]:
+    """That the poses which were demanded of the robot are not those of the trajectory."""
+    if result.streamed_from_s is None or not np.isfinite(log.target).all():
+        return []
+    away_m = path_error(replace(log, actual=log.target), path, result.streamed_from_s)
+    problem = f"what was demanded is up to {1e3 * away_m:.3g} mm from this trajectory"
+    mend = "give the one that was run"
+    place = "column target_TCP_pose_0"
+    return [str(FormatError(problem, file=file, place=place, mend=mend))] if away_m > ANOTHER_M else []
 
 
 def _without_earlier(out: Path) -> None:

@@ -113,15 +113,18 @@ def test_the_log_has_the_columns_of_ur_rtdes_recorder_and_no_repeats(
 
 
 def test_a_folder_of_logs_gives_the_runs_own_figures(
-    run: tuple[StandIn, Path, ExecutionResult], tmp_path: Path
+    run: tuple[StandIn, Path, ExecutionResult], tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     _, out, result = run
     assert execute_from_log(arc(), out, tmp_path / "again") == result
+    assert not caplog.records
     assert (tmp_path / "again" / "log.csv").read_bytes() == (out / "log.csv").read_bytes()
     elsewhere = Motion(*(value + (0.01 if name == "end_m" else 0) for name, value in vars(arc()).items()))
     other = execute_from_log(elsewhere, out, tmp_path / "other")
     assert other.path_error_m is not None
     assert other.path_error_m > 0.005
+    (line,) = (record.getMessage() for record in caplog.records)
+    assert "mm from this trajectory; give the one that was run" in line
 
 
 def test_a_log_without_a_result_is_aligned_by_itself(
