@@ -18,7 +18,7 @@ setup: .venv/installed ## make .venv and nothing else (the commands below do it 
 
 .PHONY: repro
 repro: .venv/installed ## run the pipeline (what changed of it) and end with the report's path and five figures
-	@python -c 'from stages import run; from dlolib.params import load; run(load)'
+	@python -m stages.check
 	@dvc repro
 	@python -m stages.headline
 

@@ -155,6 +155,8 @@ def simulate(
     check_out(out, "recording.json", recording, fit, verdict, said=f'"{SIMULATED}')
     read = _recording(recording, quasi_static)
     known = rope_values(read.rope, read.name, _known(fit, verdict), parse_values(values or []))
+    if verdict is not None and read.name not in _diagnosed(verdict):
+        known = _of_the_rope(known)
     given = replace(read, rope=known.rope)
     known = replace(known, parameters={**known.parameters, **parse_effects(effects or [])})
     check_places(known.rope, known.parameters)
@@ -179,7 +181,12 @@ def identify(
     settings, params = _identify_settings(), _params()
     given = [_recording(folder) for folder in recordings]
     known = _known(None, verdict)
-    rods = None if known is None else [_rod(rope_values(one.rope, one.name, known, {})) for one in given]
+    rods = None
+    if known is not None and verdict is not None:
+        values = [rope_values(one.rope, one.name, known, {}) for one in given]
+        there = _diagnosed(verdict)
+        pairs = zip(given, values, strict=True)
+        rods = [_rod(mine if one.name in there else _of_the_rope(mine)) for one, mine in pairs]
     found = fit_recordings(given, settings, rods)
     descended = None
     if params is not None and params.identify.method == "gradient_descent":
@@ -232,20 +239,16 @@ def learn(
     values: Values = None,
 ) -> None:
     """Learn how to move the held end so that the rope reaches the goal shape without contact."""
-    from dlolib.formats import read_layout, say
+    from dlolib.formats import read_layout
     from dlolib.identify import particles_for
     from dlolib.learn import learn as learn_layout
     from dlolib.learn import write_learned
-    from dlolib.sim.effects import of_the_rope
 
     check_out(out, "policy.npz", layout, fit, verdict)
     goal = read_layout(layout)
     settings = replace(_learn_settings(), particles=particles_for(goal.rope.length_m, _identify_settings()))
     known = rope_values(goal.rope, goal.name, _known(fit, verdict), parse_values(values or []))
-    parameters, stay = of_the_rope(known.parameters)
-    if stay:
-        say([f"{', '.join(stay)}: of the recording and not of the rope, left out"])
-    rod = _rod(replace(known, parameters=parameters), settings.particles)
+    rod = _rod(_of_the_rope(known), settings.particles)
     learned = learn_layout(replace(goal, rope=known.rope), rod, settings)
     write_learned(learned, out)
     kept = learned.kept
@@ -339,13 +342,34 @@ def _params() -> Params | None:
 
 def _known(fit: Path | None, verdict: Path | None) -> Fit | None:
     """Stored parameters: of a fit or of a verdict's winning model."""
-    from dlolib.formats import read_fit, read_verdict
+    from dlolib.formats import read_fit, read_verdict, say
 
     if fit is not None and verdict is not None:
         raise ParameterError("two sets of parameters", place="--fit and --verdict", mend="give one of them")
     if verdict is not None:
-        return read_verdict(verdict).fit
+        told = read_verdict(verdict)
+        if told.status == "unexplained":
+            say([f"{verdict}: no model of the library explains its recordings; take what it names with care"])
+        return told.fit
     return None if fit is None else read_fit(fit)
+
+
+def _diagnosed(verdict: Path) -> tuple[str, ...]:
+    """The recordings that a verdict is about."""
+    from dlolib.formats import read_verdict
+
+    return read_verdict(verdict).recordings
+
+
+def _of_the_rope(known: RopeValues) -> RopeValues:
+    """What goes along to another place: how one recording was held and seen is left out, and that is said."""
+    from dlolib.formats import say
+    from dlolib.sim.effects import of_the_rope
+
+    parameters, stay = of_the_rope(known.parameters)
+    if stay:
+        say([f"{', '.join(stay)}: of the recording and not of the rope, left out"])
+    return replace(known, parameters=parameters)
 
 
 def _recording(folder: Path, quasi_static: str | None = None) -> Recording:

@@ -226,10 +226,11 @@ def _strongest(
             continue
         found.append((at, int(w)))
         first, last = windows[w]
-        lo, hi = float(arc[at] - half), float(arc[at] + half)
+        # rounding leaves the outermost a hair beyond the rope
+        lo, hi = np.clip((arc[at] - half, arc[at] + half), 0.0, one.recording.rope.length_m)
         place = Place(
             one.recording.name,
-            (lo, hi),
+            (float(lo), float(hi)),
             (int(frames[first]), int(frames[last - 1])),
             _phase(one.recording, first, last),
             float(gains[p, w]),

@@ -16,6 +16,7 @@ from dlolib.identify.parameters import SOFTEST_M4_S2, Unknown, acting, candidate
 from dlolib.identify.problem import Bools, Problem, axes, check_held_ends, check_one_object
 from dlolib.progress import track
 from dlolib.sim.continuum import MOST_CORRECTIONS, mesh_error, refined, stands
+from dlolib.sim.effects import of_the_rope
 from dlolib.sim.poses import model_of, near
 from dlolib.sim.rod import Rod, unit_of
 from dlolib.sim.steps import dynamic_step
@@ -133,7 +134,8 @@ def identify(
     without = replace(problem, used=tuple(~left for left in heldout))
     declared = all(r.heldout_frames is not None for r in recordings)
     foretold = theta if declared else _solve(without, theta, settings, []).x
-    return _result(problem, theta, low, high, history, heldout, foretold)
+    found = _result(problem, theta, low, high, history, heldout, foretold)
+    return found if given is None else replace(found, fit=_with_held(found.fit, problem, given))
 
 
 def _begin(
@@ -326,6 +328,20 @@ def _result(
             len(np.unique(m.recording.points.frame[o])) for m, o in zip(problem.models, heldout, strict=True)
         ),
     )
+
+
+def _with_held(fit: Fit, problem: Problem, given: Sequence[Rod]) -> Fit:
+    """The fit with the physics that held while it was made: without it, it is that of no rope."""
+    parameters, nuisances = dict(fit.parameters), {name: dict(own) for name, own in fit.nuisances.items()}
+    for k, rod in enumerate(given):
+        fitted = {u.name for u in problem.unknowns if u.recording in (None, k)}
+        held = {name: value for name, value in rod.effects.items() if name not in fitted}
+        along, _ = of_the_rope(held)
+        for name, value in held.items():
+            of = problem.models[k].recording.name
+            place = parameters if name in along else nuisances.setdefault(of, {})
+            place[name] = Estimate(value, None, None, unit_of(name, _weighed(problem)))
+    return replace(fit, parameters=parameters, nuisances=nuisances)
 
 
 def rms(values: Floats) -> float:

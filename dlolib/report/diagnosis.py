@@ -32,6 +32,8 @@ SHOWN_FRAMES, SHOWN_MODELS = 6, 10
 # Letters of a model's name in a line, and what a line and the gap to the next model take [mm].
 NAME_LETTERS, LINE_MM, GAP_MM = 44, 3.0, 2.0
 DPI = 200
+# The best model, too, has a bar, though BIC has it no worse than itself.
+SHORTEST_BAR = 0.1
 BLACK_BOX = "a residual that names nothing"
 
 
@@ -122,8 +124,8 @@ def models_figure(verdict: Verdict) -> Canvas:
     silent = verdict.status == "unexplained" and not verdict.effects
     won = [one.kind == "library" and set(one.effects) in said and not silent for one in models]
     colors = [ROD if one else FAINT for one in won]
-    left.barh(places, [max(one.delta_bic, 0.1) for one in models], color=colors, height=0.6)
-    left.set(xlabel="BIC over\nthe best model's", xscale="log", xlim=(0.1, None))
+    left.barh(places, [max(one.delta_bic, SHORTEST_BAR) for one in models], color=colors, height=0.6)
+    left.set(xlabel="BIC over\nthe best model's", xscale="log", xlim=(SHORTEST_BAR / 2, None))
     left.set_yticks(places, names)
     left.invert_yaxis()
     for right in others:

@@ -5,15 +5,17 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 from formats import samples
+from report.diagnosed import verdict
 
 from dlolib.cli import app, run
-from dlolib.formats import read_capture_index, read_fit, read_recording, write_fit
+from dlolib.formats import read_capture_index, read_fit, read_recording, write_fit, write_verdict
 from dlolib.types import Estimate, Fit
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -80,6 +82,32 @@ def test_simulate_with_further_physics(tmp_path: Path) -> None:
     seen = [read_recording(Path(folder)).points.xyz_m for folder in (plain, plastic, both)]
     assert np.abs(seen[1] - seen[0]).max() > 1e-3
     assert 0 < np.abs(seen[2] - seen[1]).max() < 0.05
+
+
+def test_a_verdict_brings_no_other_recordings_camera(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """How one recording was held stays with it; what is the rope's goes along, and into the fit."""
+    recording = samples.recording_folder(tmp_path / "recording")
+    name = read_recording(recording).name
+    told, aside = verdict(), Estimate(0.01, 0.0, 0.02, "m")
+    best = replace(told.augmented, parameters={**told.augmented.parameters, "camera_pose.shift_1": aside})
+    seen, warned = {}, {}
+    for of in (name, "another"):
+        folder = tmp_path / of
+        folder.mkdir()
+        write_verdict(replace(told, recordings=(of,), nuisances={of: {}}, augmented=best), folder)
+        played, given = str(tmp_path / f"{of}_played"), ["--verdict", str(folder / "verdict.json")]
+        assert run(["simulate", str(recording), *given, "--out", played]) == 0
+        seen[of], warned[of] = read_recording(Path(played)).points.xyz_m, caplog.text
+        assert run(["identify", played, *given, "--out", str(tmp_path / f"{of}_fit")]) == 0
+        caplog.clear()
+        fit = read_fit(tmp_path / f"{of}_fit")
+        assert fit.parameters["plastic_bending.yield_curvature"].value == 7.6
+        assert "camera_pose.shift_1" not in fit.parameters
+    assert np.abs(seen[name] - seen["another"]).max() > 1e-3
+    assert "camera_pose: of the recording and not of the rope, left out" in warned["another"]
+    assert "camera_pose" not in warned[name]
 
 
 def test_simulate_identify_and_simulate_again(tmp_path: Path) -> None:

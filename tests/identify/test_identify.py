@@ -116,6 +116,9 @@ def test_what_a_verdict_has_for_each_recording_holds_while_stiffness_is_fitted()
     assert found.parameters["bending_stiffness"].value == pytest.approx(EI, rel=0.01)
     assert found.nuisances["other"]["end_angle.end_1"].value == pytest.approx(0.2, abs=0.01)
     assert found.rmse_m < 2e-4
+    # what held goes along: without it the fit is that of no rope
+    assert {name: found.parameters[name].value for name in shared} == shared
+    assert found.nuisances["other"]["camera_pose.shift_1"].value == 0.02
 
 
 def test_how_one_end_is_rolled_is_fitted_where_nobody_recorded_it() -> None:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from dlolib.report.headline import clear, headline, stiffness
+from dlolib.report.headline import STIFFNESS, clear, headline, stiffness
 from dlolib.report.model import Block, Card, Cards, Missing, Paragraph, Section
 from dlolib.report.results import CAPTURED, Results
 from dlolib.report.text import ABSENT, MINUS, fixed, listed, millimetres, nice_unit, scientific, span, title
@@ -64,7 +64,20 @@ def _stiffness_card(results: Results) -> Card:
         detail += f" The laboratory's rope: {scientific(true)} ({'' if apart[0] == MINUS else '+'}{apart} %)"
         plastic = results.truth.laws["law"] == "plastic"
         detail += ", but it also yields plastically." if plastic else "."
+    detail += _diagnosed(results)
     return Card("Bending stiffness EI", scientific(ei.value), nice_unit(ei.unit), detail, command)
+
+
+def _diagnosed(results: Results) -> str:
+    """The stiffness once what an elastic rod leaves out is in the model, where something is."""
+    verdict = results.verdict(CAPTURED) if CAPTURED in results.diagnosed else None
+    if verdict is None or not verdict.effects or verdict.status == "unexplained":
+        return ""
+    best = verdict.augmented.parameters
+    ei = next((best[key] for key in STIFFNESS if key in best), None)
+    if ei is None:
+        return ""
+    return f" With what the diagnosis names: {scientific(ei.value)} ({span(ei.low, ei.high)})."
 
 
 def _residual_card(results: Results, value: float | None) -> Card:
@@ -84,7 +97,7 @@ def _residual_card(results: Results, value: float | None) -> Card:
 
 def _chain_card(results: Results, value: float | None) -> Card:
     detail = "Root mean square distance of the chain's points to the rope's true axis."
-    if results.truth is None:
+    if results.truth is None and results.captured is not None:
         detail = "No true axis to compare with: the capture is not from the laboratory."
     return Card("Chain to true axis", millimetres(value, 2), "mm", detail, "dvc repro chain report")
 

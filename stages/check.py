@@ -1,0 +1,35 @@
+"""Before the pipeline: params.yaml is whole, and the folders that it names are there or can be pulled."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from dlolib.errors import ParameterError
+from dlolib.params import PARAMS, Params, load
+from stages import CAPTURED, DATA, LABORATORY, run
+
+
+def main() -> None:
+    """Refuse what the pipeline would stumble over after an hour."""
+    for place, folder in named(load()):
+        if not folder.exists() and not folder.with_name(f"{folder.name}.dvc").is_file():
+            raise ParameterError(
+                f"no such folder: {folder}", file=PARAMS, place=place, mend="correct the name, or add it"
+            )
+
+
+def named(params: Params) -> Iterator[tuple[str, Path]]:
+    """The folders that no stage makes, and the key that names each."""
+    for name in params.layouts:
+        yield "layouts", DATA / "layouts" / name
+    for name, entry in params.recordings.items():
+        if name != CAPTURED:
+            yield f"recordings.{name}.path", Path(entry.path)
+    for key, source in (("ingest", params.ingest.source), ("execute", params.execute.source)):
+        if source != LABORATORY:
+            yield f"{key}.source", DATA / source
+
+
+if __name__ == "__main__":
+    run(main)

@@ -1,0 +1,47 @@
+"""What `make repro` looks at first: the folders that params.yaml names."""
+
+from pathlib import Path
+
+import pytest
+
+from dlolib.errors import ParameterError
+from dlolib.params import load
+from stages import check
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def test_what_the_file_names_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    check.main()
+    assert len(list(check.named(load()))) >= 6
+
+
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        (("layout_4]", "layuot_4]"), "layouts: no such folder: data/layouts/layuot_4; correct the name"),
+        (("data/wires/wire_white", "data/wires/wire"), "recordings.wire_white.path: no such folder"),
+        (
+            ("  source: lab               # lab, or the name of a folder of", "  source: logs  #"),
+            "execute.source",
+        ),
+    ],
+)
+def test_what_is_not_there_is_said_before_the_pipeline_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, line: tuple[str, str], says: str
+) -> None:
+    text = (ROOT / "params.yaml").read_text()
+    assert line[0] in text
+    (tmp_path / "params.yaml").write_text(text.replace(*line))
+    (tmp_path / "data").symlink_to(ROOT / "data")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ParameterError, match=says):
+        check.main()
+    # what DVC can bring is as good as there
+    if "layuot" in line[1]:
+        (tmp_path / "data").unlink()
+        for _, folder in check.named(load()):
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            folder.with_name(f"{folder.name}.dvc").touch()
+        check.main()
