@@ -172,6 +172,11 @@ def test_every_number_in_a_table_has_a_unit(content: dict) -> None:
                 assert has_unit, (table["caption"], column["title"], cell)
 
 
+def test_the_summary_gives_the_stiffness_with_what_was_missing(content: dict) -> None:
+    told = json.dumps(content["sections"][0], ensure_ascii=False)
+    assert "and at 3.00 × 10⁻⁴ (2.90 to 3.10 × 10⁻⁴) with what the diagnosis names in the model." in told
+
+
 def test_headline_is_what_the_stages_measured(content: dict) -> None:
     headline = content["headline"]
     assert set(headline) == {

@@ -39,7 +39,8 @@ def _summary(results: Results) -> str:
         )
     ei = stiffness(results)
     if ei is not None:
-        texts.append(f"Its bending stiffness comes out at {scientific(ei.value)} {nice_unit(ei.unit)}.")
+        out = f"Its bending stiffness comes out at {scientific(ei.value)} {nice_unit(ei.unit)}"
+        texts.append(f"{out}{_diagnosed(results)}.")
     learned = [name for name in results.layouts if results.learned(name)]
     if learned:
         results_of = [results.learned(name) or {} for name in learned]
@@ -64,7 +65,6 @@ def _stiffness_card(results: Results) -> Card:
         detail += f" The laboratory's rope: {scientific(true)} ({'' if apart[0] == MINUS else '+'}{apart} %)"
         plastic = results.truth.laws["law"] == "plastic"
         detail += ", but it also yields plastically." if plastic else "."
-    detail += _diagnosed(results)
     return Card("Bending stiffness EI", scientific(ei.value), nice_unit(ei.unit), detail, command)
 
 
@@ -77,7 +77,8 @@ def _diagnosed(results: Results) -> str:
     ei = next((best[key] for key in STIFFNESS if key in best), None)
     if ei is None:
         return ""
-    return f" With what the diagnosis names: {scientific(ei.value)} ({span(ei.low, ei.high)})."
+    between = f" ({span(ei.low, ei.high)})" if ei.low is not None or ei.high is not None else ""
+    return f", and at {scientific(ei.value)}{between} with what the diagnosis names in the model"
 
 
 def _residual_card(results: Results, value: float | None) -> Card:
