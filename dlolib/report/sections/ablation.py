@@ -85,10 +85,9 @@ def _curves(name: str, table: pd.DataFrame, figures: Path) -> Figure:
             clearance.plot(run["iteration"], run["min_clearance_m"], **look)
     error.axhline(paper.FINAL_CONTACT_LOSS_M, color=PAPER, linewidth=0.9, linestyle=(0, (4, 3)))
     error.annotate(
-        "the paper: below 0.01 m", (1.0, paper.FINAL_CONTACT_LOSS_M), (-2, 3), xycoords=("axes fraction", (
-            "data"
-        )),
-        textcoords="offset points", ha="right", va="bottom", fontsize=6.5, color=PAPER, bbox=WHITE,
+        "the paper: below 0.01 m", (0.02, paper.FINAL_CONTACT_LOSS_M), (0, -3),
+        xycoords=("axes fraction", "data"), textcoords="offset points", ha="left", va="top",
+        fontsize=6.5, color=PAPER, bbox=WHITE,
     )  # fmt: skip
     error.set(xlabel="iteration", ylabel="mean goal error [mm]", yscale="log")
     lowest = min(float(table["min_clearance_m"].min()) * 1.08, 0.0)
