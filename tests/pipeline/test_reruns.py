@@ -27,7 +27,7 @@ TABLE = [
         "wire_white: {path: data/wires/wire_black}",
         {"identify@wire_white", "diagnose@wire_white", "report"},
     ),
-    ("heldout_share: 0.25", "heldout_share: 0.5", IDENTIFY | {"report"}),
+    ("iterations: 50 ", "iterations: 40 ", IDENTIFY | {"report"}),
     ("tie: 6.0", "tie: 5.0", DIAGNOSE | PLAN),
     ("contact_weight: 0.1", "contact_weight: 0.2", PLAN),
     ("laws: [elastic, plastic]", "laws: [plastic]", EXECUTE | {"report"}),
