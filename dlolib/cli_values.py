@@ -122,6 +122,7 @@ def rope_values(rope: Rope, name: str, fit: Fit | None, values: Mapping[str, flo
     """
     if "linear_density" in values:
         rope = replace(rope, linear_density_kg_m=values["linear_density"])
+    _say_another(rope, name, None if fit is None else fit.rope)
     parameters: dict[str, float] = {}
     for key, estimate in _stored(fit, name):
         _check_stored(key, estimate.value)
@@ -133,17 +134,31 @@ def rope_values(rope: Rope, name: str, fit: Fit | None, values: Mapping[str, flo
         known = key.removesuffix(RATIO)
         parameters[known] = parameters.get(known, 0.0) + estimate.value * ratio
     if rope.linear_density_kg_m is None and any(key in values for key in STIFFNESSES):
-        from dlolib.formats.doubts import say
+        from dlolib.formats import say
 
         unknown = f"the density of {rope.name} is not known: it is simulated as 1 kg/m"
         say([f"{unknown}, and what --set gives in N m^2 counts as m^4/s^2; give --set linear_density=VALUE"])
     parameters |= {key: value for key, value in values.items() if key != "linear_density"}
     if "bending_stiffness" not in parameters:
-        mend = "give --set bending_stiffness=VALUE (N m^2) or --fit FILE"
+        mend = "give --set bending_stiffness=VALUE (N m^2), --fit FILE or --verdict FILE"
         raise ParameterError("no bending_stiffness is given", place=name, mend=mend)
     parameters.setdefault("torsional_stiffness", parameters["bending_stiffness"])
     check_places(rope, parameters)
     return RopeValues(rope, parameters)
+
+
+def _say_another(rope: Rope, name: str, stored: Rope | None) -> None:
+    """Say that what is stored was found on another rope; its length may be another piece's."""
+    from dlolib.formats import say
+
+    if stored is None:
+        return
+    for what in ("name", "diameter_m", "linear_density_kg_m"):
+        here, there = getattr(rope, what), getattr(stored, what)
+        if None not in (here, there) and here != there:
+            problem = f"{name} has object.{what} = {here!r}, the stored parameters are of {there!r}"
+            say([f"{problem}; they are taken all the same"])
+            return
 
 
 def _check_stored(key: str, value: float) -> None:

@@ -209,13 +209,14 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Fit:
-    """What identification found (format "dlo-fit/1")."""
+    """What identification found (format "dlo-fit/1"), and of which rope, where that is told."""
 
     parameters: Mapping[str, Estimate]
     rmse_m: float
     frames: int
     points: int
     nuisances: Mapping[str, Mapping[str, Estimate]] = field(default_factory=dict)
+    rope: Rope | None = None
 
 
 @dataclass(frozen=True)
@@ -318,10 +319,11 @@ class Verdict:
     augmented: Quality
     detectable: tuple[Detectable, ...]
     next_motion: NextMotion | None = None
+    rope: Rope | None = None
 
     @property
     def fit(self) -> Fit:
         """What simulate, identify and learn take: the model with the named effects; where none is named, not
         the best of those that do not explain it either, but the elastic rod."""
         best = self.augmented if self.effects else self.baseline
-        return Fit(best.parameters, best.rmse_m, 0, 0, self.nuisances)
+        return Fit(best.parameters, best.rmse_m, 0, 0, self.nuisances, self.rope)

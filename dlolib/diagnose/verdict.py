@@ -83,6 +83,7 @@ def verdict_of(found: Found) -> Verdict:
         augmented=best,
         detectable=found.detectable,
         next_motion=_next_motion(found),
+        rope=study.seen[0].recording.rope,
     )
 
 

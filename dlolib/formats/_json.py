@@ -33,6 +33,8 @@ def existing(path: Path, what: str) -> Path:
         raise FormatError(f"is a folder where {what} should be", file=path, mend="give a file")
     if path.parent.is_dir():
         raise FormatError(f"no such file ({what})", file=path, mend="add it or correct the path")
+    if path.parent.is_file():
+        raise FormatError("is a file where a folder should be", file=path.parent, mend="give the folder")
     raise FormatError("no such folder", file=path.parent, mend="correct the path")
 
 

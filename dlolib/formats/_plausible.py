@@ -42,7 +42,7 @@ def check_ends(motion: Motion, ends: Ends, rope: Rope, path: Path) -> None:
     worst = int(np.argmax(apart))
     if apart[worst] > SLACK * rope.length_m:
         raise _too_far(
-            f"at t_s = {motion.t_s[worst]:g} the ends are {apart[worst]:.4g} m apart",
+            f"at t_s = {motion.t_s[worst]:.12g} the ends are {apart[worst]:.4g} m apart",
             apart[worst],
             rope,
             path,
@@ -61,7 +61,7 @@ def check_clear(motion: Motion, obstacles: Sequence[Obstacle], path: Path) -> No
             if clear[worst] < 0:
                 raise FormatError(
                     f"the clamped {end} is {-1e3 * clear[worst]:.1f} mm inside obstacle {number} "
-                    f"({obstacle.shape}) at t_s = {motion.t_s[worst]:g}",
+                    f"({obstacle.shape}) at t_s = {motion.t_s[worst]:.12g}",
                     file=path,
                     place=f"line {worst + 2}",
                     mend="move the obstacle or the clamp, whose middle must be 0 mm or more outside",

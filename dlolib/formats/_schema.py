@@ -61,8 +61,9 @@ class RopeModel(Strict):
     def _of_a_material(self) -> RopeModel:
         if self.diameter_m is None or self.linear_density_kg_m is None:
             return self
-        density = self.linear_density_kg_m / (0.25 * np.pi * self.diameter_m**2)
-        if density > DENSEST_KG_M3:
+        area = 0.25 * np.pi * self.diameter_m**2
+        if self.linear_density_kg_m > DENSEST_KG_M3 * area:
+            density = self.linear_density_kg_m / area if area else np.inf
             raise ValueError(
                 f"linear_density_kg_m = {self.linear_density_kg_m:g} of diameter_m = {self.diameter_m:g} is "
                 f"{density:.2g} kg/m³, more than any material has: g/m are to be divided by 1000"

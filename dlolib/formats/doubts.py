@@ -58,7 +58,7 @@ def _lost(motion: Motion, t_s: Floats) -> list[Doubt]:
         return []
     row = int(np.argmax(np.where(long, between, 0.0)))
     begin, end = motion.t_s[row], motion.t_s[row + 1]
-    problem = f"has no row between {begin:g} and {end:g} s, and the ends are taken to go straight there"
+    problem = f"has no row between {begin:.12g} and {end:.12g} s, and the ends are taken to go straight there"
     return [(problem, "t_s", "check that none was lost")]
 
 
@@ -72,7 +72,7 @@ def _turned_whole(motion: Motion) -> list[Doubt]:
             first = whole[0]
             problem = (
                 f"the signs say that the {end} turns by {np.degrees(turn[first]):.4g}° between "
-                f"{motion.t_s[first]:g} and {motion.t_s[first + 1]:g} s"
+                f"{motion.t_s[first]:.12g} and {motion.t_s[first + 1]:.12g} s"
             )
             more = f", as in {len(whole) - 1} other places" if len(whole) > 1 else ""
             found.append((problem + more, f"{end}_qw", "turn the signs, if it does not"))

@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 
 from dlolib.files import write_json
 from dlolib.formats._json import checked, read_json
-from dlolib.formats._schema import Strict
+from dlolib.formats._schema import RopeModel, Strict
 from dlolib.types import Estimate, Fit
 
 FORM = "dlo-fit/1"
@@ -45,6 +45,7 @@ class FitModel(Strict):
     rmse_m: float = Field(ge=0)
     frames: int = Field(ge=0)
     points: int = Field(ge=0)
+    rope: RopeModel | None = None
 
     @model_validator(mode="after")
     def _positive(self) -> FitModel:
@@ -64,7 +65,8 @@ def read_fit(path: Path) -> Fit:
     path = path / FILE if path.is_dir() else path
     model = checked(FitModel, read_json(path, FORM), path)
     nuisances = {name: _estimates(values) for name, values in model.nuisances.items()}
-    return Fit(_estimates(model.parameters), model.rmse_m, model.frames, model.points, nuisances)
+    rope = None if model.rope is None else model.rope.rope()
+    return Fit(_estimates(model.parameters), model.rmse_m, model.frames, model.points, nuisances, rope)
 
 
 def write_fit(fit: Fit, path: Path) -> None:
@@ -77,6 +79,7 @@ def write_fit(fit: Fit, path: Path) -> None:
         "rmse_m": fit.rmse_m,
         "frames": fit.frames,
         "points": fit.points,
+        "rope": None if fit.rope is None else vars(fit.rope),
     }
     write_json(path / FILE if path.is_dir() else path, content)
 

@@ -179,7 +179,7 @@ def _check_frames(table: Table, frame: Ints) -> None:
     times = table.numbers["t_s"]
     step, same = np.diff(frame), np.diff(times) == 0
     for row in np.flatnonzero((step < 0) | (np.diff(times) < 0) | ((step == 0) != same)) + 1:
-        here, before = f"{times[row]:g}", f"{times[row - 1]:g}"
+        here, before = f"{times[row]:.12g}", f"{times[row - 1]:.12g}"
         if step[row - 1] < 0:
             raise table.refusal(int(row), "frame", f"frame falls to {frame[row]}", "sort the rows by frame")
         if step[row - 1] == 0:
@@ -217,7 +217,8 @@ def _covariance(table: Table, order: Ints, planar: str | None) -> Floats | None:
 def _check_against_motion(points: Points, motion: Motion, rope: Rope, path: Path) -> None:
     first, last = motion.t_s[0], motion.t_s[-1]
     if len(motion.t_s) > 1 and (points.t_s[0] > last or points.t_s[-1] < first):
-        problem = f"covers t_s {first:g} to {last:g}, the frames {points.t_s[0]:g} to {points.t_s[-1]:g}"
+        frames = f"the frames {points.t_s[0]:.12g} to {points.t_s[-1]:.12g}"
+        problem = f"covers t_s {first:.12g} to {last:.12g}, {frames}"
         raise FormatError(problem, file=path, mend="bring both to one clock, in seconds")
     poses = interpolate_motion(motion, points.t_s)
     check_meeting(poses.start_m, points.s_m, points.xyz_m, rope, path)

@@ -318,7 +318,7 @@ def _result(
     )
     rods = tuple(problem.rod(k, theta) for k in range(len(problem.models)))
     return Identified(
-        fit=Fit(parameters, rms(counted), frames, len(counted), nuisances),
+        fit=Fit(parameters, rms(counted), frames, len(counted), nuisances, problem.models[0].recording.rope),
         rods=rods,
         loss=_history(problem, history),
         simulated_m=tuple(problem.simulated(k, theta) for k in range(len(problem.models))),

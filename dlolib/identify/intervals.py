@@ -1,6 +1,6 @@
 """95 % intervals scaled to the residual: a jackknife over blocks of frames, or of the rope.
 
-A dozen blocks are too few for a bootstrap: its percentile intervals hold the truth in 70 to 90 %.
+A dozen blocks are too few for a bootstrap, whose percentile intervals are then too narrow.
 """
 
 from __future__ import annotations

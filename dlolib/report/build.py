@@ -51,7 +51,8 @@ def build_report(
     """
     results, out = Path(results), Path(out)
     if not results.is_dir():
-        raise DloError("no such folder", file=results, mend="name the folder with the stages' results")
+        problem = "is a file" if results.is_file() else "no such folder"
+        raise DloError(problem, file=results, mend="name the folder with the stages' results")
     _check_place(out)
     beside = Path(os.path.normpath(results / ".." / "data"))
     source = Results(results, beside if data is None else Path(data), has_truth, parameters)

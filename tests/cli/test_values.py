@@ -79,3 +79,13 @@ def test_nothing_given() -> None:
 def test_parsing() -> None:
     given = ["bending_stiffness=3e-4", "linear_density=0.05"]
     assert parse_values(given) == {"bending_stiffness": 3e-4, "linear_density": 0.05}
+
+
+def test_parameters_of_another_rope_are_said(caplog: pytest.LogCaptureFixture) -> None:
+    thick = replace(fit(bending_stiffness=3e-4), rope=replace(WEIGHED, diameter_m=0.02))
+    thin, unmeasured = replace(WEIGHED, diameter_m=0.008), replace(WEIGHED, diameter_m=None)
+    rope_values(unmeasured, "one", thick, {})
+    rope_values(replace(WEIGHED, diameter_m=0.02, length_m=0.2), "one", thick, {})
+    assert not caplog.messages
+    rope_values(thin, "one", thick, {})
+    assert "one has object.diameter_m = 0.008, the stored parameters are of 0.02" in caplog.text

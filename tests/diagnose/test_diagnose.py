@@ -153,6 +153,7 @@ def test_detectable_sizes_are_those_that_are_seen() -> None:
 def test_the_folder_is_written_and_read_again(tmp_path: Path) -> None:
     write_diagnosis(found("plastic"), tmp_path)
     assert read_verdict(tmp_path) == found("plastic").verdict
+    assert read_verdict(tmp_path).fit.rope == ROPE
     assert {path.name for path in tmp_path.iterdir()} == {
         "verdict.json", "shapes.csv", "scan.csv", "moments.csv", "tests.json",
     }  # fmt: skip

@@ -44,6 +44,12 @@ def test_rows_that_were_lost_while_an_end_moved_are_told(motion: Motion) -> None
     assert motion_doubts(without(still, 51, 150), FRAMES_S, FILE) == []
 
 
+def test_times_of_a_clock_that_counts_from_1970_are_told_apart(motion: Motion) -> None:
+    late = replace(motion, t_s=motion.t_s + 1.7e9)
+    (line,) = motion_doubts(without(late, 51, 150), FRAMES_S + 1.7e9, FILE)
+    assert "no row between 1700000000.5 and 1700000001.5 s" in line
+
+
 def flipped(q: Floats, rows: slice) -> Floats:
     """The same poses with other signs."""
     found = q.copy()

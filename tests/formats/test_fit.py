@@ -11,7 +11,7 @@ from formats import samples
 
 from dlolib.errors import FormatError
 from dlolib.formats import read_fit, write_fit
-from dlolib.types import Estimate, Fit
+from dlolib.types import Estimate, Fit, Rope
 
 FIT = Fit(
     {"bending_stiffness": Estimate(3e-4, 2.9e-4, None, "N m^2")},
@@ -19,6 +19,7 @@ FIT = Fit(
     40,
     1200,
     {"small": {"end_angle.start_1": Estimate(0.01, None, None, "rad")}},
+    Rope("wire", 0.4, diameter_m=0.008),
 )
 
 

@@ -116,6 +116,7 @@ def refused(folder: Path, name: str) -> str:
         ("object.length_m", None, "object.length_m: Input should be a valid number, got None"),
         ("object.length_m", 0, "object.length_m: Input should be greater than 0"),
         ("object.diameter_m", 8, "looks like millimetres; divide by 1000"),
+        ("object.diameter_m", 1e-300, "of diameter_m = 1e-300 is inf kg/m³, more than any material has"),
         ("object.linear_density_kg_m", -1, "object.linear_density_kg_m: Input should be greater than 0"),
         ("object.linear_density_kg_m", 40, "8e+05 kg/m³, more than any material has: g/m are to be divided"),
         ("gravity_m_s2", [0, -9.81], "gravity_m_s2"),
@@ -198,6 +199,9 @@ def test_a_missing_file_is_named(tmp_path: Path, name: str) -> None:
 def test_a_missing_folder_is_named(tmp_path: Path) -> None:
     with pytest.raises(FormatError, match=r"nowhere: no such folder; correct the path"):
         read_recording(tmp_path / "nowhere")
+    (tmp_path / "given").touch()
+    with pytest.raises(FormatError, match="given: is a file where a folder should be; give the folder"):
+        read_recording(tmp_path / "given")
 
 
 def test_broken_json_names_the_line(tmp_path: Path) -> None:

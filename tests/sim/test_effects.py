@@ -305,7 +305,8 @@ def test_what_belongs_to_a_recording_stays_there() -> None:
 def test_the_page_lists_every_parameter() -> None:
     page = Path("docs/effects.md").read_text(encoding="utf-8")
     for effect in EFFECTS.values():
-        assert all(f"`{p.name}`: {p.says} | {p.unit} |" in page for p in effect.PARAMETERS), effect.NAME
+        rows = [f"`{p.name}`: {p.says} | {p.unit} | {p.neutral:g} |" for p in effect.PARAMETERS]
+        assert all(row in page for row in rows), effect.NAME
 
 
 def test_a_rope_without_inertia_has_none_in_a_dynamic_recording() -> None:
