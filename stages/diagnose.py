@@ -18,7 +18,7 @@ def main(name: str, path: str) -> None:
         write_diagnosis(diagnosis, folder)
     verdict = diagnosis.verdict
     figures = {
-        "explained": int(verdict.status == "explained"),
+        "explained": int(verdict.status in ("explained", "ambiguous")),
         "baseline_rmse_m": verdict.baseline.rmse_m,
         "augmented_rmse_m": verdict.augmented.rmse_m,
         "parameters": {key: value.value for key, value in verdict.augmented.parameters.items()},

@@ -17,7 +17,7 @@ from dlolib.lab.elastica import planar_elastica
 from dlolib.types import Ends, Floats, Layout, Obstacle, Pose, Rope
 from stages import DATA, run
 
-ROPE = Rope("rope", length_m=0.445, diameter_m=0.008, linear_density_kg_m=0.04)
+ROPE = Rope("laboratory rope", length_m=0.445, diameter_m=0.008, linear_density_kg_m=0.04)
 BENDING_STIFFNESS_N_M2 = 3e-4
 GRAVITY_M_S2 = 9.81
 CYLINDER = {"axis": (0.0, 1.0, 0.0), "radius_m": (0.03,), "height_m": (0.06,)}

@@ -24,7 +24,7 @@ MOST_NAMED = 8
 # A rope of which so much is seen between two held ends has another length than was said where all frames
 # agree in it to so much and it is so far off: shares of its length.
 WHOLE, SAME, OTHER = 0.95, 0.003, 0.01
-POSES = "check camera.world_from_camera and motion.csv"
+POSES = "check camera.world_from_camera, motion.csv and its clock"
 # A rope that leaves its clamp as logged does so within this, bent as it may be; one that is as wide as was
 # said looks so within these factors, where it is so many pixels wide.
 ANOTHER_WAY_RAD = 1.0
@@ -124,7 +124,8 @@ def _doubts(chains: Sequence[FrameChain], index: CaptureIndex) -> Iterator[str]:
         yield f"{index.name}: {says}; correct it, or the camera's optics"
     if lost:
         free = "free" in (index.ends.start, index.ends.end)
-        why = ", so something else is taken for a part of it" if free else ""
+        elsewhere = ", so its held ends were elsewhere then, or a part of it was not seen"
+        why = ", so something else is taken for a part of it" if free else elsewhere
         says = f"the rope is {known:.3f} m long, and {_named(lost)}{why}"
         yield f"{index.name}: {says}; left out, look at sheet.png"
     off = [chain for chain in chains if chain.counts and not chain.fitted]

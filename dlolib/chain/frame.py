@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +41,8 @@ class FrameChain:
     left out. astray_m: how far from the rope the start and the end were logged, 0 where it agrees or cannot
     be told. turned_rad: by how much the rope leaves them in another direction than is logged, NaN where that
     is not seen. width_m: how wide the rope looks, and how many pixels that is. skin_m: about how far before
-    the axis the points lie, 0 where the rope's radius is known.
+    the axis the points lie, 0 where the rope's radius is known. tips_m (2, 3): where what is seen of the rope
+    begins and ends, wherever the held ends were logged.
     """
 
     frame: int
@@ -63,6 +64,7 @@ class FrameChain:
     turned_rad: tuple[float, float] = (np.nan, np.nan)
     width_m: float = np.nan
     width_px: float = 0.0
+    tips_m: Floats = field(default_factory=lambda: np.full((2, 3), np.nan))
 
 
 def chain_frame(
@@ -87,10 +89,9 @@ def chain_frame(
     strands = _strands(lines, width, view, (start, end), before, index.rope.radius_m, settings)
     if not strands:
         raise _no_rope(frame, "nothing in it is long and narrow and has depth")
-    if start is None and end is None:
-        tips = _world(np.array([strands[0].points_m[0], strands[-1].points_m[-1]]), index)
-        if _starts_at_the_other(tips, previous):
-            strands = [strand.turned() for strand in strands[::-1]]
+    tips = _world(np.array([strands[0].points_m[0], strands[-1].points_m[-1]]), index)
+    if start is None and end is None and _starts_at_the_other(tips, previous):
+        strands, tips = [strand.turned() for strand in strands[::-1]], tips[::-1]
     axis = assemble(strands, start, end, index.rope.length_m, settings.bridge_m)
     held = (start is not None) + (end is not None)
     whole = index.rope.length_m if axis.fitted or held else float(axis.s_m[-1])
@@ -122,6 +123,7 @@ def chain_frame(
         turned(strands, start, end, skin_m),
         width * view.pitch,
         width,
+        tips,
     )
 
 

@@ -93,7 +93,7 @@ def _caption(name: str, repeated: bool, frames: int, shown: int, means: Floats, 
     if repeated:
         shared, error = np.sqrt(np.mean(means**2)), np.sqrt(np.mean(spread**2) / frames)
         verdict = (
-            "which is more than the points' scatter explains: the rod lacks something, as a curvature at rest"
+            "which is more than the points' scatter explains: the rod lacks something"
             if shared > SURE * error
             else "which the points' scatter alone can explain"
         )

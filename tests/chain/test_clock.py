@@ -45,7 +45,7 @@ def measured(index: CaptureIndex, more_m: Floats) -> list[FrameChain]:
     ]
 
 
-@pytest.mark.parametrize("offset_s", [0.0, 0.15])
+@pytest.mark.parametrize("offset_s", [0.0, 0.15, -1.6])
 def test_arc_lengths_do_not_follow_the_motion(tmp_path: Path, offset_s: float) -> None:
     axes = [shape(float(t)) for t in range(SECONDS)]
     index = replace(write_capture(tmp_path / "capture", axes, Scene()), motion=logged(offset_s))
@@ -109,3 +109,34 @@ def test_what_does_not_go_with_the_speed_is_no_clock() -> None:
         assert clocks_apart(measured(index, 0.1 * speed + noise), other) == 0.0
     few = replace(index, t_s=index.t_s[:12])
     assert clocks_apart(measured(few, 0.1 * speed[:12] + noise[:12]), few) == 0.0
+
+
+def ending(index: CaptureIndex, tips_m: Floats) -> list[FrameChain]:
+    """Chains of the rope's own length whose last tips were seen at (F, 3) [m]."""
+    pairs = np.stack([np.full_like(tips_m, np.nan), tips_m], axis=1)
+    return [
+        replace(chain, tips_m=pair)
+        for chain, pair in zip(measured(index, np.zeros(len(pairs))), pairs, strict=True)
+    ]
+
+
+@pytest.mark.parametrize("offset_s", [-3.0, 1.3])
+def test_a_large_offset_comes_out_of_where_the_rope_ends(offset_s: float) -> None:
+    """A gripper may hide the tip in some frames, and the camera may stand elsewhere."""
+    index = replace(index_of(NOWHERE, [shape(0.0)] * SECONDS, Scene()), motion=logged(0.0))
+    tips = np.array([shape(t - offset_s, 60)[-1] for t in index.t_s]) + np.array([0.0, 0.01, -0.01])
+    tips[::5] = np.nan
+    tips[3::5] += 0.05
+    assert clocks_apart(ending(index, tips), index) == pytest.approx(offset_s, abs=0.01)
+
+
+def test_where_the_rope_ends_is_no_clock_where_another_cause_moves_it() -> None:
+    rng = np.random.default_rng(0)
+    index = replace(index_of(NOWHERE, [shape(0.0)] * SECONDS, Scene()), motion=logged(0.0))
+    tips = np.array([shape(t, 60)[-1] for t in index.t_s])
+    turned = tips @ np.array([[0.9, 0.0, 0.3], [0.0, 1.0, 0.0], [-0.3, 0.0, 0.9]])
+    for seen in (tips + 0.03, turned, tips + rng.normal(0, 0.02, tips.shape)):
+        assert clocks_apart(ending(index, seen), index) == 0.0
+    few = replace(index, t_s=index.t_s[:7])
+    late = np.array([shape(t - 1.3, 60)[-1] for t in few.t_s])
+    assert clocks_apart(ending(few, late), few) == 0.0

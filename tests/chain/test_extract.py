@@ -190,7 +190,9 @@ def test_a_wrong_pose_of_the_camera_is_said_and_not_blamed_on_the_length(
         assert error.place == "camera.world_from_camera"
     off = round(1e3 * float(np.linalg.norm(by_m)))
     assert re.search(rf"tube: the held (start|end) is logged ({off - 1}|{off}|{off + 1}) mm from where", said)
-    assert "check camera.world_from_camera and motion.csv" in said and "object.length_m" not in said
+    assert (
+        "check camera.world_from_camera, motion.csv and its clock" in said and "object.length_m" not in said
+    )
 
 
 def test_a_gripper_that_hides_the_rope_beside_its_clamp_is_no_wrong_pose(
@@ -302,7 +304,7 @@ def test_a_frame_in_which_the_rope_has_not_its_length_is_said_and_left_out(
     source = open_capture(tmp_path / "held")
     index = replace(source.index, static_frames=(1, 1), heldout_frames=(1, 2))
     result = extract_chain(ImageFolder(index))
-    says = "tube: the rope is 0.445 m long, and 0.356 to 0.356 m were measured in frames 1; left out"
+    says = "tube: the rope is 0.445 m long, and 0.356 to 0.356 m were measured in frames 1, so its held ends"
     assert says in caplog.text
     write_recording(result.recording, tmp_path / "out")
     read = read_recording(tmp_path / "out")

@@ -39,7 +39,8 @@ def _summary(results: Results) -> str:
         )
     ei = stiffness(results)
     if ei is not None:
-        out = f"Its bending stiffness comes out at {scientific(ei.value)} {nice_unit(ei.unit)}"
+        of = "Its" if texts else "The rope's"
+        out = f"{of} bending stiffness comes out at {scientific(ei.value)} {nice_unit(ei.unit)}"
         texts.append(f"{out}{_diagnosed(results)}.")
     learned = [name for name in results.layouts if results.learned(name)]
     if learned:
