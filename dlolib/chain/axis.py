@@ -12,11 +12,14 @@ from scipy.ndimage import minimum_filter1d
 from dlolib.chain.centre import tangents
 from dlolib.chain.lift import Strand
 from dlolib.chain.order import Anchor, length
-from dlolib.types import Floats
+from dlolib.types import Floats, Ints
 
 BRIDGE_STEP_M = 0.002
 STRAIGHT_M, OVERLAP_M = 0.01, 0.03
 HIDDEN_DOUBT, SEEN_DOUBT = 0.1, 0.003
+# What a rope that is seen and has its length comes out too long by: a share of it, and what its line's errors
+# make, which go to and fro over this share of the shortest wave that is left along it.
+LONG_SHARE, TO_AND_FRO = 3e-4, 0.4
 LARGEST_MISFIT, LARGEST_BRIDGE_MISFIT = 0.03, 0.33
 # A free tip may be out of sight: more than so many deviations of what was seen is no error of measurement.
 SURE = 3.0
@@ -31,10 +34,10 @@ class Axis:
     """A dense line along the rope: s_m (M,), points_m (M, 3), seen (M,), pixel (M, 2), NaN where hidden.
 
     measured_m is the length as measured from start to end, hidden stretches included; fitted tells
-    whether s_m was brought to the rope's known length; else it is counted from the start, or from_end, back
-    from the known length there, and goes no further than that where no end is held. spread_m: how much of
-    what it was off the known length was spread over what was seen. sigma_m (M, 2), the deviations of the
-    depth and across the line of sight where they were asked for, NaN where hidden.
+    whether s_m was brought to the rope's known length; else it is counted from the start, or from the end
+    back from the known length there, and goes no further than that where no end is held. doubt_m (M,): the
+    deviation of these arc lengths. sigma_m (M, 2), the deviations of the depth and across the line of sight
+    where they were asked for, NaN where hidden.
     """
 
     s_m: Floats
@@ -43,9 +46,8 @@ class Axis:
     pixel: Floats
     measured_m: float
     fitted: bool
-    spread_m: float = 0.0
+    doubt_m: Floats
     sigma_m: Floats | None = None
-    from_end: bool = False
 
     def counts(self, ends_held: int, length_m: float) -> bool:
         """Whether this can be the rope: from held end to held end it is all there; elsewhere a tip may be out
@@ -54,21 +56,28 @@ class Axis:
 
 
 def assemble(
-    strands: list[Strand], start: Anchor | None, end: Anchor | None, length_m: float, bridge_m: float
+    strands: list[Strand],
+    start: Anchor | None,
+    end: Anchor | None,
+    length_m: float,
+    bridge_m: float,
+    smooth_m: float,
 ) -> Axis:
     """String ordered strands together and give every sample its arc length from the start.
 
     Hidden stretches are bridged by cubics for their length only. Where the measured length is within 3 %
     of the known one (within 0.9 % where one end is held and the other's tip may be out of sight; a third of
     what is hidden comes on top where an end is held), what is left of the difference is spread: hidden
-    stretches are trusted to 10 %, seen ones to 0.3 %. Else an end is out of sight, and arc length counts as
-    measured from the end that is held, or from the first that is seen.
+    stretches are trusted to 10 %, seen ones to 0.3 %, which are mostly longer where their line is less sure.
+    Else an end is out of sight, and arc length counts as measured from the end that is held, or from the
+    first that is seen.
 
     Args:
         strands: the visible stretches in camera axes, each from start to end, at least one.
         start, end: the held ends in the same axes; None where free.
         length_m: the rope's known length [m].
         bridge_m: the longest stretch that counts as seen though nothing was read in it.
+        smooth_m: half of the shortest wave that is left along the strands.
     """
     if start is not None:
         strands = _cut_before(strands, start, length_m)
@@ -80,14 +89,17 @@ def assemble(
     )
     seen = np.concatenate([piece.seen for piece in pieces])
     hidden = np.repeat([piece.hidden for piece in pieces], [len(piece.seen) for piece in pieces])
+    sigma = np.concatenate([piece.sigma_m for piece in pieces])
     step = np.linalg.norm(np.diff(points, axis=0), axis=1)
     measured = float(step.sum())
     unseen = hidden[1:] | hidden[:-1]
     held = (start is not None) + (end is not None)
     fitted = abs(measured - length_m) <= _largest_misfit(step, unseen, held, length_m)
-    spread = 0.0
+    long = (LONG_SHARE if fitted else SEEN_DOUBT) * step
+    long += _to_and_fro(step, sigma, TO_AND_FRO * smooth_m)
+    off = np.where(unseen, HIDDEN_DOUBT * step, long)
     if fitted:
-        step, spread = _fitted(step, unseen, length_m)
+        step, off = _fitted(step, unseen, off, length_m)
     s = np.concatenate([[0.0], np.cumsum(step)])
     from_end = start is None and end is not None and not fitted
     if from_end:
@@ -95,9 +107,9 @@ def assemble(
     elif held == 0 and not fitted:
         # both tips are seen and the length is not what it was taken for: the points go from tip to tip
         s *= min(1.0, length_m / max(s[-1], 1e-12))
-    sigma = np.concatenate([piece.sigma_m for piece in pieces])
+    doubt = _doubt(unseen, off, fitted, from_end)
     known = sigma if np.isfinite(sigma).any() else None
-    return Axis(s, points, seen, pixel, measured, fitted, spread, known, from_end)
+    return Axis(s, points, seen, pixel, measured, fitted, doubt, known)
 
 
 @dataclass(frozen=True)
@@ -239,17 +251,45 @@ def _largest_misfit(step: Floats, hidden: NDArray[np.bool_], held: int, length_m
     return seen_m + LARGEST_BRIDGE_MISFIT * hidden_m
 
 
-def _fitted(step: Floats, hidden: NDArray[np.bool_], length_m: float) -> tuple[Floats, float]:
-    """Steps (M - 1,) that add up to the known length, each changed in proportion to what it may be off; how
-    much those changed together that were seen [m]."""
+def _to_and_fro(step: Floats, sigma: Floats, wave_m: float) -> Floats:
+    """By how much [m] (M - 1,) errors of these deviations (M, 2) make each step of a line longer, on average:
+    half of its squared slope, which has a share of how the deviation itself changes."""
+    size = np.nan_to_num(0.5 * (sigma[1:] + sigma[:-1]))
+    grows = np.nan_to_num(np.diff(sigma, axis=0)) / np.maximum(step, 1e-9)[:, None]
+    return np.asarray(0.5 * step * np.sum((size / wave_m) ** 2 + grows**2, axis=1))
+
+
+def _fitted(step: Floats, hidden: NDArray[np.bool_], off: Floats, length_m: float) -> tuple[Floats, Floats]:
+    """Steps (M - 1,) that add up to the known length, each changed by its share of what those that were
+    hidden, or seen, may be off; and what they may be off, more where all are off by more."""
     hidden_m, seen_m = float(step[hidden].sum()), float(step[~hidden].sum())
     doubt = np.array([(HIDDEN_DOUBT * hidden_m) ** 2, (SEEN_DOUBT * seen_m) ** 2])
-    share = doubt / max(float(doubt.sum()), 1e-300)
-    rest = length_m - hidden_m - seen_m
-    factor = np.ones(len(step))
-    if hidden_m > 0:
-        factor[hidden] += rest * share[0] / hidden_m
-    if seen_m > 0:
-        factor[~hidden] += rest * share[1] / seen_m
-    changed: Floats = step * factor
-    return changed, float(rest * share[1])
+    rest = (length_m - hidden_m - seen_m) * doubt / max(float(doubt.sum()), 1e-300)
+    changed, more = step.copy(), off.copy()
+    for mine, change in zip((hidden, ~hidden), rest, strict=True):
+        if mine.any():
+            share = off[mine] / float(off[mine].sum())
+            changed[mine] += change * share
+            more[mine] = np.maximum(off[mine], abs(float(change)) * share)
+    return changed, more
+
+
+def _doubt(hidden: NDArray[np.bool_], off: Floats, fitted: bool, from_end: bool) -> Floats:
+    """The deviation [m] (M,) of arc lengths along steps (M - 1,) that may be off by so much.
+
+    From an end on, all that was seen is too long together; each hidden stretch is off by itself. Of a rope
+    whose length is known both ends tell.
+    """
+    number = np.cumsum(np.diff(hidden.astype(np.int64), prepend=0) > 0, dtype=np.int64)
+    before = _counted(hidden, off, number)
+    after = _counted(hidden[::-1], off[::-1], number[::-1])[::-1]
+    if fitted:
+        return np.asarray(np.sqrt(before * after / np.maximum(before + after, 1e-300)))
+    return np.asarray(np.sqrt(after if from_end else before))
+
+
+def _counted(hidden: NDArray[np.bool_], off: Floats, number: Ints) -> Floats:
+    """The variance [m^2] (M,) of arc lengths from the first place on."""
+    groups = [~hidden, *(hidden & (number == one) for one in np.unique(number[hidden]))]
+    parts = [np.concatenate([[0.0], np.cumsum(np.where(mine, off, 0.0))]) ** 2 for mine in groups]
+    return np.asarray(np.sum(parts, axis=0))

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from dlolib.chain.centre import Sections, centred_lines, tangents
 from dlolib.chain.hiding import by_free_edge, hidden_by, hidden_sides, unhidden
+from dlolib.chain.mixing import unmixed
 from dlolib.chain.settings import ChainSettings
 from dlolib.chain.shading import LARGEST_ERROR_PX, shaded_middles, stretched
 from dlolib.chain.sight import between, both_sides, bridged, contested, whole
@@ -121,6 +122,7 @@ def lift(
             grid,
             readings.take(mine),
             cloud_m[mine],
+            radii[number],
             beside[number],
             cut[number],
             view,
@@ -192,6 +194,7 @@ def _read_depth(
     grid: Floats,
     sections: Sections,
     cloud: Floats,
+    radius_px: Floats,
     beside: NDArray[np.bool_],
     cut: NDArray[np.bool_],
     view: View,
@@ -213,21 +216,21 @@ def _read_depth(
     sample, across, cloud = sections.sample[middle], sections.across[middle], cloud[middle]
     if len(sample) < 4:
         return None
-    depth = cloud[:, 2]
+    ray = np.linalg.norm(cloud / cloud[:, 2:], axis=1)
+    depth, mostly = unmixed(cloud[:, 2], sample, across, grid, radius_px, view, settings.edge_px)
     pitch = float(np.median(depth)) / view.focal
     slant = np.ones(len(grid))
     axis = depth
     # At its ends the outline runs across the rope: what hides it there mixes into the last readings, too, and
     # the line ends within a pixel of it.
     end = settings.edge_px + 1
-    inner = _enough((sample >= end) & (sample < len(grid) - end))
+    inner = _enough((sample >= end) & (sample < len(grid) - end) & mostly)
     own = _enough(inner & ~beside[sample])
     curve = _medians(sample[own], depth[own], len(grid), max(settings.smooth_m / pitch, 3.0))
     # a reading is the mean over what mixes in it, and lies behind the skin of a round body in its middle
     blur_m2 = (settings.edge_px * pitch) ** 2 / 12
     for turn in range(passes):
         behind = np.sqrt(np.maximum(radius_m**2 - (across * pitch) ** 2 - blur_m2, 0.0))
-        ray = np.linalg.norm(cloud / depth[:, None], axis=1)
         axis = depth + behind / slant[sample] / ray
         counting = own if turn == 0 else inner
         curve, sigma, near = _robust(sample, axis, curve, counting, settings.smooth_m / pitch)

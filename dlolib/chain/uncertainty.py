@@ -13,14 +13,14 @@ from dlolib.chain.axis import Axis
 from dlolib.types import Floats, Noise, Rope
 
 # Across the line of sight: of the outline's own standard error, and a floor as a share of the diameter.
-ACROSS_FACTOR, ACROSS_SHARE = 0.9, 0.005
-# At its tips, and where it goes out of sight, a line has sections on one side only: share of the diameter.
-TIP_SHARE, TIP_REACH = 0.03, 1.0
+ACROSS_FACTOR, ACROSS_SHARE = 0.95, 0.005
+# At its tips, and where it goes out of sight, a line has sections on one side only, and what holds or hides
+# it lies in them: more of the outline's standard error, a share of the diameter, over so many diameters.
+TIP_FACTOR, TIP_SHARE, TIP_REACH = 2.0, 0.02, 1.0
 # Along the line of sight: what the smoothing leaves of the readings' scatter, which is not quite white.
 DEPTH_FACTOR, DEPTH_M = 1.0, 3e-5
-# Along the rope: a floor, a share of what the length of what was seen was off, or of a way that nothing
-# checked. What a hidden stretch is longer than its bridge moves no point of those that were seen.
-ALONG_M, MISFIT_SHARE, WAY_SHARE = 3e-5, 0.45, 0.003
+# Along the rope: a floor beside the doubt of its arc length.
+ALONG_M = 3e-5
 # Smoothed over half waves of `smooth_m`, errors of neighbours go together over this share of it.
 CORRELATED_SHARE, CORRELATED_FRAMES = 1.25, 1.0
 
@@ -47,9 +47,9 @@ def covariances(axis: Axis, s_m: Floats, points_m: Floats, rope: Rope, skin_m: f
     known = np.isfinite(axis.sigma_m[:, 0])
     depth, outline = (np.interp(s_m, axis.s_m[known], axis.sigma_m[known, k]) for k in range(2))
     diameter = rope.diameter_m or 2 * skin_m
-    tip = TIP_SHARE * diameter * np.exp(-_to_tip(axis, s_m) / (TIP_REACH * diameter))
-    way = axis.s_m[-1] - s_m if axis.from_end else s_m
-    off = MISFIT_SHARE * abs(axis.spread_m) if axis.fitted else WAY_SHARE * way
+    near = np.exp(-_to_tip(axis, s_m) / (TIP_REACH * diameter))
+    tip = near * np.hypot(TIP_FACTOR * outline, TIP_SHARE * diameter)
+    off = np.interp(s_m, axis.s_m, axis.doubt_m)
     variances = (
         # A line that runs beside the axis is longer or shorter than it by as much, for each radian it turns:
         # one on the skin, where the rope turns towards the camera or away.
