@@ -41,6 +41,8 @@ def unmixed(
         Depths (R,), and which readings (R,) are rope enough.
     """
     radius, away = radius_px[sample], np.abs(across_px)
+    if (away + 0.5 * edge_px <= radius).all():
+        return depth_m, np.ones_like(away, dtype=np.bool_)
     rope = np.minimum(away + 0.5 * edge_px, radius) - np.maximum(away - 0.5 * edge_px, -radius)
     share = np.clip(rope / edge_px, 0.0, 1.0)
     behind_m = _behind(grid, radius_px, view, edge_px)[sample]
