@@ -2,7 +2,7 @@
 
 Shapes in plain view are those of the laboratory's own arc, two of its frames at a time. Loops are drawn with
 the seeds 0, 1, 2, ...; one is left out only where the rope would run through itself or leave the image, never
-for its score.
+for its score. In the last case all is drawn, ropes, light and what hides them: nothing is set by it.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from dlolib.o3d import open3d
 from dlolib.types import Camera, CaptureIndex, Ends, Floats, Motion, Obstacle, Pose, Rope
 
 # Frames of a case, and of the laboratory's default capture over the same arc.
-FRAMES, CAPTURED = 12, 40
+FRAMES, CAPTURED, DRAWN = 12, 40, 40
 LENGTH_M = 0.445
 STEP_M = 0.0005
 TABLE, RED = (0.42, 0.33, 0.24), (0.75, 0.12, 0.1)
@@ -37,15 +37,18 @@ CLEAR_OF_ITSELF, CLEAR_OF_EDGE_PX = 1.1, 12
 NEIGHBOUR_M = 0.05
 BEFORE_M = -0.06
 BISECTIONS, NEAR_SHARE, WIDEST = 12, 0.02, 3.0
+# What is drawn: diameters, distances in the laboratory's own, the share that is hidden, the light that a
+# white rope lacks at the right; every third rope is a loop.
+THICK_M, AWAY, COVERED, DIM, LOOPS = (0.004, 0.016), (0.9, 1.5), (0.1, 0.3), (0.0, 0.6), 3
 
 
 @dataclass(frozen=True)
 class Case:
     """One row: what the rope is, what it looks like, what hides it, from where and with which sensor.
 
-    shapes "arc", "loop" (one self-crossing at least); hidden "pillar" or "gripper", which stand before the
-    rope over this share of its length; distance of the camera, 1 the laboratory's; turn_rad, by which it
-    looks aside, so that the rope's end leaves the image.
+    shapes "arc", "loop" (one self-crossing at least), "drawn" (as is all else); hidden "pillar" or "gripper",
+    which stand before the rope over this share of its length; distance of the camera, 1 the laboratory's;
+    turn_rad, by which it looks aside, so that the rope's end leaves the image.
     """
 
     name: str
@@ -76,6 +79,7 @@ CASES = (
     Case("crossing", shapes="loop"),
     Case("start_out_of_frame", turn_rad=-0.4),
     Case("end_out_of_frame", turn_rad=0.5),
+    Case("drawn", shapes="drawn"),
 )
 
 
@@ -92,10 +96,37 @@ class Take:
 
 def takes(case: Case, frames: int = FRAMES) -> Iterator[Take]:
     """Render a case frame by frame."""
+    if case.shapes == "drawn":
+        for number in range(DRAWN):
+            one, shape = drawn(number)
+            yield photograph(one, shape, _camera(one), number)
+        return
     shapes = arcs(frames) if case.shapes == "arc" else loops(frames, case.diameter_m)
     camera = _camera(case)
     for number, shape in enumerate(shapes):
         yield photograph(case, shape, camera, number)
+
+
+def drawn(number: int) -> tuple[Case, Floats]:
+    """A rope of which all is drawn, and its shape (N, 3) [m]."""
+    rng = np.random.default_rng([13, number])
+    diameter_m = float(np.exp(rng.uniform(*np.log(THICK_M))))
+    red, plate = bool(rng.integers(2)), (None, TABLE)[rng.integers(2)]
+    look = Look() if plate is None else Look(plate=plate)
+    look = replace(look, rope=RED) if red else replace(look, dim=float(rng.uniform(*DIM)))
+    case = Case(
+        f"drawn_{number}",
+        diameter_m=diameter_m,
+        look=look,
+        sensor=Sensor(seed=number),
+        hidden=str(rng.choice(["", "pillar", "gripper"])),
+        share=float(rng.uniform(*COVERED)),
+        distance=float(rng.uniform(*AWAY)),
+        hsv=RED_HSV if red else None,
+    )
+    if number % LOOPS == 0:
+        return case, list(loops(number // LOOPS + 1, diameter_m))[-1]
+    return case, arcs(FRAMES)[rng.integers(FRAMES)]
 
 
 @cache

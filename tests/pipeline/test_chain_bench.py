@@ -11,7 +11,7 @@ from dlolib.chain import ChainSettings, FrameChain, chain_frame
 from dlolib.lab.camera import Sensor, default_camera
 from dlolib.types import Floats
 from stages.chain_score import score
-from stages.chain_views import CASES, LENGTH_M, Case, arcs, photograph
+from stages.chain_views import CASES, DRAWN, LENGTH_M, Case, arcs, drawn, photograph
 
 S = np.arange(0, LENGTH_M, 0.0005)
 AXIS = np.stack([S, 0 * S, 0.05 * np.sin(10 * S)], axis=-1)
@@ -63,6 +63,17 @@ def test_every_condition_of_the_table_has_a_case() -> None:
     names = {case.name for case in CASES}
     plain = {"clear", "clear_bias", "thin_4mm", "thick_16mm", "table", "far", "coloured", "uneven_light"}
     assert plain | {"pillar", "gripper", "crossing", "start_out_of_frame", "end_out_of_frame"} <= names
+
+
+def test_what_is_drawn_is_the_same_every_time_and_of_every_kind() -> None:
+    found = [drawn(number)[0] for number in range(DRAWN)]
+    assert found == [drawn(number)[0] for number in range(DRAWN)]
+    assert {case.hidden for case in found} == {"", "pillar", "gripper"}
+    thick = np.array([case.diameter_m for case in found])
+    assert thick.min() < 0.005 and thick.max() > 0.014
+    # a crossing is there in every third
+    bends = [drawn(number)[1] for number in (0, 1)]
+    assert [(np.diff(shape[:, 0]) < 0).any() for shape in bends] == [True, False]
 
 
 def test_without_noise_the_depth_is_that_of_the_axis_up_to_the_clamps() -> None:
