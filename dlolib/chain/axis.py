@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 from scipy.ndimage import minimum_filter1d
 
+from dlolib.chain.anchor import Anchor
 from dlolib.chain.centre import tangents
 from dlolib.chain.lift import Strand
-from dlolib.chain.order import Anchor, length
+from dlolib.chain.order import length
 from dlolib.types import Floats, Ints
 
 BRIDGE_STEP_M = 0.002
@@ -82,7 +83,7 @@ def assemble(
     if start is not None:
         strands = _cut_before(strands, start, length_m)
     if end is not None:
-        strands = _turned(_cut_before(_turned(strands), Anchor(end.place_m, -end.tangent), length_m))
+        strands = _turned(_cut_before(_turned(strands), end.turned(), length_m))
     pieces = _pieces(_without_overlap(strands), start, end, bridge_m)
     points, pixel = (
         np.concatenate([getattr(piece, name) for piece in pieces]) for name in ("points_m", "pixel")

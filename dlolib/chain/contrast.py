@@ -13,20 +13,21 @@ from dlolib.captures.base import Depth, Frame, Image, Mask
 from dlolib.captures.pictures import read_color, read_depth
 from dlolib.chain.settings import ChainSettings
 from dlolib.errors import ChainError
-from dlolib.types import Camera, CaptureIndex
+from dlolib.types import Camera, CaptureIndex, Floats
 
 # A window in which a rope that runs through its middle is in the minority, in widths of the rope.
 WINDOW_WIDTHS = 3.0
 UNKNOWN_WIDTH_PX, LARGEST_WINDOW_PX = 12.0, 101
-LEAST_DIFFERENCE = 12.0
+LEAST_DIFFERENCE, LEAST_PX = 12.0, 20
 WEAK = 0.5
 RING_PX, EDGE_PX = 9, 5
 SATURATED = 255
 
 
-def local_mask(frame: Frame, index: CaptureIndex) -> Mask:
+def local_masks(frame: Frame, index: CaptureIndex) -> list[Mask]:
     """Pixels (H, W) whose colour differs from the median of what is around: a rope is narrow, a table not.
 
+    A bright rope and a dark pillar before it differ in opposite ways: each has its mask, first what is more.
     What differs most says in which colour; how much is found by Otsu's method, and is at least 12 levels.
     Of what is connected to it half of that is enough, since light falls unevenly.
 
@@ -35,7 +36,8 @@ def local_mask(frame: Frame, index: CaptureIndex) -> Mask:
     """
     assert frame.color is not None
     window = min(2 * round(0.5 * WINDOW_WIDTHS * _width_px(frame, index)) + 1, LARGEST_WINDOW_PX)
-    around = cv2.merge([cv2.medianBlur(channel, window) for channel in cv2.split(frame.color)])
+    blurred = cv2.merge([cv2.medianBlur(channel, window) for channel in cv2.split(frame.color)])
+    around = np.asarray(blurred, dtype=np.uint8)
     difference = np.asarray(cv2.absdiff(frame.color, around).max(axis=-1), dtype=np.uint8)
     sure = difference >= _otsu(difference)
     if not sure.any():
@@ -45,10 +47,20 @@ def local_mask(frame: Frame, index: CaptureIndex) -> Mask:
             place=f"frame {frame.frame}",
             mend="remove the frame, or give rope_color_hsv, a background or a mask",
         )
-    # A dark gripper's corner differs the other way than a bright rope.
-    step = np.median(frame.color[sure].astype(np.float32) - around[sure], axis=0)
+    step = frame.color[sure].astype(np.float32) - around[sure]
+    side = step @ np.linalg.eigh(step.T @ step)[1][:, -1]
+    ways = sorted((step[side > 0], step[side <= 0]), key=len, reverse=True)
+    return [
+        _that_way(frame.color, around, np.asarray(np.median(way, axis=0)))
+        for way in ways
+        if len(way) >= LEAST_PX
+    ]
+
+
+def _that_way(color: Image, around: Image, step: Floats) -> Mask:
+    """Pixels (H, W) that differ from what is around (H, W, 3) as a step (3,) in colour does."""
     weights = (step / max(float(np.linalg.norm(step)), 1e-6)).reshape(1, 3)
-    signed = cv2.transform(frame.color.astype(np.float32) - around.astype(np.float32), weights)
+    signed = cv2.transform(color.astype(np.float32) - around.astype(np.float32), weights)
     towards = np.clip(signed, 0, 255).astype(np.uint8)
     level = _otsu(towards)
     count, labels = cv2.connectedComponents((towards >= WEAK * level).astype(np.uint8), connectivity=8)

@@ -6,26 +6,23 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from dlolib.captures.base import Frame
+from dlolib.chain.anchor import Anchor, anchors
 from dlolib.chain.axis import Axis, assemble
 from dlolib.chain.cloud import view_of_cloud
 from dlolib.chain.greedy import greedy_chain
 from dlolib.chain.held import astray, turned
-from dlolib.chain.join import joined, may_be_joined
+from dlolib.chain.join import from_held_ends, joined, may_be_joined
 from dlolib.chain.lift import Strand, centred, lift
-from dlolib.chain.order import Anchor, in_order
+from dlolib.chain.order import in_order
 from dlolib.chain.segment import coverage, segment, without_specks
 from dlolib.chain.settings import ChainSettings
 from dlolib.chain.skeleton import centre_lines
 from dlolib.chain.uncertainty import covariances
 from dlolib.chain.view import View
 from dlolib.errors import ChainError
-from dlolib.formats import interpolate_motion
 from dlolib.types import CaptureIndex, Floats
-
-TANGENT = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -84,7 +81,7 @@ def chain_frame(
     """
     view = _view(frame, index, settings)
     lines, width = centre_lines(view.mask)
-    start, end = _anchors(frame, index)
+    start, end = anchors(frame, index)
     before = None if previous is None else _camera(previous.line_m, index)
     strands = _strands(lines, width, view, (start, end), before, index.rope.radius_m, settings)
     if not strands:
@@ -137,6 +134,7 @@ def _strands(
     settings: ChainSettings,
 ) -> list[Strand]:
     """What was seen of the rope, in order. How a cut skeleton goes on, a first and rough look tells."""
+    lines = [*lines, *from_held_ends(lines, width, view, *ends)]
     grids = centred(lines, width, view, radius_m, settings)
     if len(grids) > 1 and may_be_joined(grids, width, view, *ends):
         rough = in_order(lift(grids, width, view, radius_m, settings, fine=False), *ends, before_m)
@@ -159,25 +157,6 @@ def _view(frame: Frame, index: CaptureIndex, settings: ChainSettings) -> View:
     found = segment(frame, index, settings)
     covered = coverage(found)
     return View(found.mask, covered, frame.depth_m, camera.fx, camera.fy, camera.cx, camera.cy, found.levels)
-
-
-def _anchors(frame: Frame, index: CaptureIndex) -> tuple[Anchor | None, Anchor | None]:
-    """The held ends at the time of a frame, in camera axes."""
-    if index.motion is None:
-        return None, None
-    pose = interpolate_motion(index.motion, np.array([frame.t_s]))
-    held = (index.ends.start == "clamped", index.ends.end == "clamped")
-    places = ((pose.start_m[0], pose.start_q[0]), (pose.end_m[0], pose.end_q[0]))
-    start, end = (
-        _anchor(*place, index) if is_held else None for is_held, place in zip(held, places, strict=True)
-    )
-    return start, end
-
-
-def _anchor(place_m: Floats, quaternion: Floats, index: CaptureIndex) -> Anchor:
-    turn, camera_m = index.camera.world_from_camera[:3, :3], index.camera.world_from_camera[:3, 3]
-    tangent = Rotation.from_quat(quaternion, scalar_first=True).apply(TANGENT)
-    return Anchor((place_m - camera_m) @ turn, tangent @ turn)
 
 
 def _world(points_m: Floats, index: CaptureIndex) -> Floats:

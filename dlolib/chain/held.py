@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from dlolib.chain.anchor import Anchor
 from dlolib.chain.axis import ALONG, STRAIGHT_M
 from dlolib.chain.centre import tangents
 from dlolib.chain.lift import Strand
-from dlolib.chain.order import Anchor
 from dlolib.chain.view import View
 from dlolib.types import Floats
 
@@ -45,7 +45,7 @@ def astray(
         if ASTRAY_M < off <= NEAR_M and np.linalg.norm(np.diff(offsets, axis=0)) <= TOGETHER * off:
             first, last = np.linalg.norm(offsets, axis=1)
             return float(first), float(last)
-    turned = None if end is None else Anchor(end.place_m, -end.tangent)
+    turned = None if end is None else end.turned()
     return _beside(opening, start, view), _beside(closing.turned(), turned, view)
 
 
@@ -55,7 +55,7 @@ def turned(
     """By how much [rad] the rope is seen to leave the start and to reach the end in another direction than is
     logged; NaN where an end is free, or the rope not seen close to it. Arguments as for `astray`."""
     opening, closing = _deeper(strands[0], skin_m), _deeper(strands[-1], skin_m).turned()
-    backwards = None if end is None else Anchor(end.place_m, -end.tangent)
+    backwards = None if end is None else end.turned()
     return _leaves(opening.points_m, start), _leaves(closing.points_m, backwards)
 
 

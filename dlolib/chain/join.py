@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
+from scipy.spatial.distance import cdist
 
-from dlolib.chain.centre import on_mask
+from dlolib.captures.base import Mask
+from dlolib.chain.anchor import Anchor
+from dlolib.chain.centre import OWN_WIDTHS, on_mask
 from dlolib.chain.lift import Strand
-from dlolib.chain.order import Anchor
 from dlolib.chain.view import View
 from dlolib.types import Floats
 
@@ -18,6 +22,28 @@ LEAST_ON_MASK = 0.9
 BACK_WIDTHS = 2.0
 # A tip that is so near to a held end has reached it.
 REACHED_WIDTHS = 1.0
+# A held end to which no line comes so near has a straight line of its own, up to so long, from so much on.
+AWAY_WIDTHS, STUB_WIDTHS, LEAST_WIDTHS, LEAST_PX = 1.5, 2.0, 0.75, 4
+
+
+def from_held_ends(
+    lines: list[Floats], width: float, view: View, start: Anchor | None, end: Anchor | None
+) -> list[Floats]:
+    """Straight lines [px] (K, 2) from held ends that none of the lines (K, 2) comes near, as far as there is
+    rope: between a clamp and what hides or crosses the rope beside it, a skeleton is too short to count.
+    """
+    found: list[Floats] = []
+    for anchor in (start, end.turned() if end else None):
+        if anchor is None or not lines:
+            continue
+        place, heading = _in_image(anchor, view)
+        far = place + np.arange(int(STUB_WIDTHS * width) + 1)[:, None] * heading
+        apart = cdist(far, np.concatenate(lines)).min(axis=1)
+        rope = _on_or_beside(view.mask, far) & (apart > OWN_WIDTHS * width)
+        reach = len(far) if rope.all() else int(np.argmin(rope))
+        if apart[0] > AWAY_WIDTHS * width and reach >= max(LEAST_WIDTHS * width, LEAST_PX):
+            found.append(far[:reach])
+    return found
 
 
 def may_be_joined(
@@ -75,7 +101,7 @@ def joined(
 def _arrivals(start: Anchor | None, end: Anchor | None) -> Iterator[tuple[Anchor, bool]]:
     """The held ends as one comes to them along the rope, and whether it is its end."""
     if start is not None:
-        yield Anchor(start.place_m, -start.tangent), False
+        yield start.turned(), False
     if end is not None:
         yield end, True
 
@@ -87,13 +113,17 @@ def _way(line: Floats, onward: Floats, width: float, view: View) -> Floats | Non
 
 def _stub(line: Floats, anchor: Anchor, width: float, view: View) -> Floats | None:
     """Pixels (K, 2) from the end of a line to a held end, if they are rope."""
-    ahead = anchor.place_m + 0.005 * anchor.tangent
-    place, beyond = view.pixel(np.stack([anchor.place_m, ahead]))
-    arriving = beyond - place
-    size = float(np.linalg.norm(arriving))
-    if np.linalg.norm(place - line[-1]) <= REACHED_WIDTHS * width or size == 0:
+    place, arriving = _in_image(anchor, view)
+    if np.linalg.norm(place - line[-1]) <= REACHED_WIDTHS * width or not arriving.any():
         return None
-    return _curve(line[-1], _heading(line, width), place, arriving / size, width, view)
+    return _curve(line[-1], _heading(line, width), place, arriving, width, view)
+
+
+def _in_image(anchor: Anchor, view: View) -> tuple[Floats, Floats]:
+    """Where a held end is seen (2,) [px] and in which direction (2,), 0 where that is the line of sight."""
+    place, beyond = view.pixel(np.stack([anchor.place_m, anchor.place_m + 0.005 * anchor.tangent]))
+    step = beyond - place
+    return place, step / max(float(np.linalg.norm(step)), 1e-12)
 
 
 def _curve(
@@ -105,9 +135,16 @@ def _curve(
         return None
     curve = CubicHermiteSpline([0.0, 1.0], [here, there], [gap * heading, gap * arriving])
     way = np.asarray(curve(np.linspace(0, 1, max(round(gap), 1) + 1)[1:-1]), dtype=np.float64).reshape(-1, 2)
-    if len(way) and on_mask(view.mask, way).mean() < LEAST_ON_MASK:
+    if len(way) and _on_or_beside(view.mask, way).mean() < LEAST_ON_MASK:
         return None
     return way
+
+
+def _on_or_beside(mask: Mask, way: Floats) -> NDArray[np.bool_]:
+    """Whether places (N, 2) [px] are on the mask or a pixel beside it, (N,): noise cuts a thin rope, and what
+    hides it is wider than that."""
+    shifts = itertools.product((-1, 0, 1), repeat=2)
+    return np.asarray(np.any([on_mask(mask, way + np.array(shift)) for shift in shifts], axis=0))
 
 
 def _heading(line: Floats, width: float) -> Floats:

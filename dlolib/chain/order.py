@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from dlolib.chain.anchor import Anchor
 from dlolib.chain.lift import Strand
 from dlolib.types import Floats
 
@@ -15,14 +14,6 @@ SKIP = 2.0
 DIRECTION_SAMPLES = 10
 BLUR_M = 0.004
 NEAR_BEFORE_M, AGAINST_M = 0.03, 0.03
-
-
-@dataclass(frozen=True)
-class Anchor:
-    """A held end: its position [m] (3,) and the direction (3,) in which the rope leaves or enters it."""
-
-    place_m: Floats
-    tangent: Floats
 
 
 def in_order(

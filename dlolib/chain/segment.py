@@ -10,20 +10,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlolib.captures.base import Frame, Image, Mask
-from dlolib.chain.contrast import background_mask, local_mask, rope_levels
+from dlolib.chain.anchor import anchors
+from dlolib.chain.contrast import background_mask, local_masks, rope_levels
 from dlolib.chain.settings import ChainSettings
 from dlolib.errors import ChainError
 from dlolib.formats.capture import LAST_HUE
 from dlolib.types import CaptureIndex
 
 SMALLEST_PX = 20
+# A hole no larger than this is noise: pixels out of the colour's range.
+PINHOLE_PX = 4
 SHADE, PLATEAU = 0.25, 0.75
 # Two strands that cross at a small angle lie side by side.
 THICK = 2.3
 # Share of the rope's outline, length times diameter, that a mask may have and be a rope of this size.
 LEAST_AREA, MOST_AREA = 0.15, 1.6
-# A mask of less of the rope may be slivers of something else.
-MOST_OF_ROPE = 0.5
+# A mask of less of the rope may be slivers of something else, one of more has something else on it.
+MOST_OF_ROPE, MORE_THAN_ROPE = 0.5, 1.15
+# Where a rope that leaves its clamp must be.
+BEFORE_M = np.array([0.005, 0.01, 0.015])
 MOST_OF_IMAGE = 0.25
 # What is dark is so in hundreds of thousands of pixels: every so many tell its median as well.
 DARK_EVERY = 4
@@ -80,25 +85,47 @@ def segment(frame: Frame, index: CaptureIndex, settings: ChainSettings) -> Segme
 
 
 def _either(frame: Frame, index: CaptureIndex, settings: ChainSettings) -> Segmentation:
-    """By brightness, and where what that finds cannot be most of the rope, by the local difference if that
-    finds more."""
+    """By brightness, and where what that finds cannot be most of the rope, or has more on it, by the local
+    difference if that is likelier."""
     found, refusal = None, None
     try:
         found = _threshold(frame, index, settings)
     except ChainError as error:
         refusal = error
-    if found is not None and _share_of_rope(found.mask, frame, index) > MOST_OF_ROPE:
+    if found is not None and MOST_OF_ROPE < _share_of_rope(found.mask, frame, index) < MORE_THAN_ROPE:
         return found
     try:
         local = _local(frame, index)
     except ChainError:
         local = None
     both = [one for one in (found, local) if one is not None]
-    sized = [(_share_of_rope(one.mask, frame, index), one) for one in both]
-    if found is None and not any(share for share, _ in sized):
+    if found is None and not any(_share_of_rope(one.mask, frame, index) for one in both):
         assert refusal is not None
         raise refusal
-    return max(sized, key=lambda one: one[0])[1]
+    return max(both, key=lambda one: _likely(one.mask, frame, index))
+
+
+def _likely(mask: Mask, frame: Frame, index: CaptureIndex) -> tuple[bool, float, float]:
+    """How likely a mask is the rope: it can be; it is where the held ends are; it is most of it, not more."""
+    share = _share_of_rope(mask, frame, index)
+    return share > 0, _at_held_ends(mask, frame, index), share if share < MORE_THAN_ROPE else -share
+
+
+def _at_held_ends(mask: Mask, frame: Frame, index: CaptureIndex) -> float:
+    """The share of places just before the held ends, where the rope is straight, with some of a mask beside;
+    0 where none is in the image."""
+    start, end = anchors(frame, index)
+    held = [one for one in (start, end.turned() if end else None) if one is not None]
+    camera, diameter = index.camera, index.rope.diameter_m
+    if not held or diameter is None or camera.fx is None or camera.fy is None:
+        return 0.0
+    places = np.concatenate([one.place_m + np.outer(BEFORE_M, one.tangent) for one in held])
+    reach = max(round(diameter * camera.fx / float(np.median(places[:, 2]))), 1)
+    near = cv2.dilate(mask.astype(np.uint8), np.ones((2 * reach + 1,) * 2, np.uint8))
+    optics = np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
+    column, row = np.round(places[:, :2] / places[:, 2:] * optics[0] + optics[1]).astype(int).T
+    inside = (column >= 0) & (column < mask.shape[1]) & (row >= 0) & (row < mask.shape[0])
+    return float(near[row[inside], column[inside]].mean()) if inside.any() else 0.0
 
 
 def _offered(frame: Frame, index: CaptureIndex) -> str:
@@ -121,7 +148,8 @@ def _threshold(frame: Frame, index: CaptureIndex, settings: ChainSettings) -> Se
 
 
 def _local(frame: Frame, index: CaptureIndex) -> Segmentation:
-    mask = _cleaned(local_mask(frame, index), frame, index)
+    masks = [_cleaned(mask, frame, index) for mask in local_masks(frame, index)]
+    mask = max(masks, key=lambda one: _likely(one, frame, index))
     return Segmentation(mask, rope_levels(frame.color, mask))
 
 
@@ -201,7 +229,14 @@ def coverage(found: Segmentation) -> NDArray[np.float32]:
 
 
 def _cleaned(mask: Mask, frame: Frame, index: CaptureIndex) -> Mask:
-    return without_specks(_without_blocks(mask, frame, index))
+    return without_specks(_without_blocks(_without_pinholes(mask), frame, index))
+
+
+def _without_pinholes(mask: Mask) -> Mask:
+    """Fill what noise pierces: there the rope is as wide, and its line goes on."""
+    filled, window = mask.copy(), _window(np.ascontiguousarray(mask))
+    filled[window] = without_holes(np.pad(mask[window], 1), PINHOLE_PX)[1:-1, 1:-1]
+    return filled
 
 
 def _without_blocks(mask: Mask, frame: Frame, index: CaptureIndex) -> Mask:
@@ -247,3 +282,11 @@ def without_specks(mask: Mask) -> Mask:
         large[1:] = stats[1:, cv2.CC_STAT_AREA] >= SMALLEST_PX
         cleaned[window] = large[labels]
     return cleaned
+
+
+def without_holes(mask: Mask, largest_px: float) -> Mask:
+    """Fill holes up to a size: lost pixels, a frayed tip. Around each a skeleton would run twice."""
+    count, labels, stats, _ = cv2.connectedComponentsWithStats((~mask).astype(np.uint8), connectivity=4)
+    small = stats[:, cv2.CC_STAT_AREA] <= largest_px
+    small[0] = False
+    return np.asarray(mask | small[labels]) if count > 2 and small.any() else mask

@@ -12,6 +12,7 @@ from skimage.graph import pixel_graph
 from skimage.morphology import skeletonize
 
 from dlolib.captures.base import Mask
+from dlolib.chain.segment import without_holes
 from dlolib.types import Floats
 
 HARRIS_BLOCK, HARRIS_APERTURE, HARRIS_K = 3, 3, 0.04
@@ -37,7 +38,7 @@ def centre_lines(mask: Mask) -> tuple[list[Floats], float]:
     skeleton = _thinned(crop)
     distance = cv2.distanceTransform(crop.astype(np.uint8), cv2.DIST_L2, 5)
     width = float(max(2 * np.median(distance[skeleton]) - 1, 1.0))
-    filled = _without_holes(crop, HOLE_WIDTHS * width**2)
+    filled = without_holes(crop, HOLE_WIDTHS * width**2)
     if filled is not crop:
         skeleton = _thinned(filled)
     for _ in range(PRUNINGS):
@@ -63,14 +64,6 @@ def _cropped(mask: Mask) -> tuple[int, int, Mask]:
     top, left = int(rows[0]) - 1, int(columns[0]) - 1
     crop = mask[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     return top, left, np.pad(crop, 1)
-
-
-def _without_holes(mask: Mask, largest_px: float) -> Mask:
-    """Fill holes up to a size: lost pixels, a frayed tip. Around each the skeleton would run twice."""
-    count, labels, stats, _ = cv2.connectedComponentsWithStats((~mask).astype(np.uint8), connectivity=4)
-    small = stats[:, cv2.CC_STAT_AREA] <= largest_px
-    small[0] = False
-    return np.asarray(mask | small[labels]) if count > 2 and small.any() else mask
 
 
 def _corners(skeleton: Mask) -> tuple[Mask, Mask]:

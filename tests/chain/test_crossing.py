@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from chain.test_clouds import cloud_of
-from chain.tubes import FORWARD, Scene, along, index_of, photograph
+from chain.tubes import FORWARD, Scene, along, index_of, photograph, wave
 
 from dlolib.captures.base import Frame
 from dlolib.chain import ChainSettings, Tracker, chain_frame, frame
@@ -83,6 +83,20 @@ def test_a_loop_of_unknown_diameter_in_a_cloud_is_one_chain() -> None:
     either = (off(axis, chain.s_m, chain.xyz_m), off(axis[::-1], chain.s_m, chain.xyz_m))
     # The skin lies a radius before the axis.
     assert min(np.sqrt(np.mean(one**2)) for one in either) < 6e-3
+
+
+@pytest.mark.parametrize("at_end", [False, True])
+def test_what_is_seen_between_a_clamp_and_a_box_beside_it_is_rope(at_end: bool) -> None:
+    """Over less than its skeleton needs: there the held end tells the direction."""
+    axis = wave(0.6)
+    # seen from the camera it begins 12 mm before the rope's end
+    near = np.array([0.012, axis[-1, 0] - 0.012])[int(at_end)]
+    edge = 0.2 + (near - 0.2) * 0.7 / 0.75
+    box = ((edge - 0.03 * at_end, -0.05, -0.03), (0.03, 0.02, 0.06))
+    scene = Scene(diameter_m=0.012, boxes=(box,))
+    chain = chain_frame(seen(axis, scene), index_of(NOWHERE, [axis], scene), ChainSettings())
+    assert chain.s_m[-1 if at_end else 0] == pytest.approx(0.445 if at_end else 0.0, abs=1e-3)
+    assert off(axis, chain.s_m, chain.xyz_m).max() < 2.5e-3 and np.diff(chain.s_m).max() > 0.04
 
 
 def test_a_pillar_that_leaves_slivers_leaves_no_points_there() -> None:

@@ -8,11 +8,12 @@ import cv2
 import numpy as np
 import pytest
 
+from dlolib.chain.anchor import Anchor
 from dlolib.chain.axis import Axis, assemble
 from dlolib.chain.greedy import greedy_chain
 from dlolib.chain.lift import Strand, half_widths
 from dlolib.chain.mixing import unmixed
-from dlolib.chain.order import Anchor, in_order
+from dlolib.chain.order import in_order
 from dlolib.chain.skeleton import centre_lines
 from dlolib.chain.smooth import smoothed
 from dlolib.chain.uncertainty import covariances

@@ -12,6 +12,7 @@ from chain.tubes import Scene, along, index_of, photograph, wave
 
 from dlolib.captures.base import Frame
 from dlolib.chain import ChainSettings, chain_frame
+from dlolib.chain.extract import LEAST_WIDE, MOST_WIDE
 from dlolib.chain.segment import segment
 from dlolib.errors import ChainError, ParameterError
 from dlolib.types import CaptureIndex
@@ -60,6 +61,37 @@ def test_a_pillar_brighter_than_the_dark_is_no_rope() -> None:
     chain = chain_frame(replace(frame, color=color, depth_m=hidden), index, ChainSettings())
     away = np.linalg.norm(chain.xyz_m - along(AXIS, chain.s_m), axis=1)
     assert np.sqrt(np.mean(away**2)) < 1.5e-3 and len(chain.s_m) > 22
+
+
+def test_a_white_rope_on_a_table_is_told_from_a_dark_pillar_that_is_more() -> None:
+    """Both are narrow and differ from what is around them, in opposite ways."""
+    frame, index = seen((110, 90, 65))
+    assert frame.color is not None and frame.depth_m is not None
+    color, depth = frame.color.copy(), frame.depth_m.copy()
+    pillar = np.s_[:, 316:323]
+    color[pillar], depth[pillar] = 20, 0.6
+    frame = replace(frame, color=color, depth_m=depth)
+    for way in ("auto", "local"):
+        chain = chain_frame(frame, index, ChainSettings(segmentation=way))
+        away = np.linalg.norm(chain.xyz_m - along(AXIS, chain.s_m), axis=1)
+        assert np.sqrt(np.mean(away**2)) < 1.2e-3 and len(chain.s_m) >= 27
+
+
+@pytest.mark.parametrize("diameter", [0.006, 0.012])
+def test_noise_that_pierces_a_rope_neither_cuts_nor_narrows_it(diameter: float) -> None:
+    scene = Scene(diameter_m=diameter)
+    color, depth = photograph(AXIS, scene)
+    rope = color[..., 0] > 100
+    red = np.where(rope[..., None], (200, 30, 20), (60, 130, 60)).astype(np.uint8)
+    lost = np.random.default_rng(3).random(rope.shape) < 0.05
+    red[rope & lost] = (90, 60, 55)
+    index = replace(index_of(NOWHERE, [AXIS], scene), rope_color_hsv=((0, 150, 80), (10, 255, 255)))
+    frame = Frame(0, 0.0, NOWHERE, color=red, depth_m=depth.astype(np.float32) / 1000)
+    chain = chain_frame(frame, index, ChainSettings())
+    assert len(chain.s_m) == 30 and chain.line_seen.all()
+    away = np.linalg.norm(chain.xyz_m - along(AXIS, chain.s_m), axis=1)
+    assert np.sqrt(np.mean(away**2)) < 1e-3
+    assert LEAST_WIDE * diameter < chain.width_m < MOST_WIDE * diameter
 
 
 def test_a_part_that_brightness_finds_gives_way_to_the_whole_rope(monkeypatch: pytest.MonkeyPatch) -> None:
