@@ -33,15 +33,18 @@ def from_held_ends(
     rope: between a clamp and what hides or crosses the rope beside it, a skeleton is too short to count.
     """
     found: list[Floats] = []
+    places = np.concatenate(lines) if lines else np.zeros((0, 2))
     for anchor in (start, end.turned() if end else None):
         if anchor is None or not lines:
             continue
         place, heading = _in_image(anchor, view)
+        if np.linalg.norm(places - place, axis=1).min() <= AWAY_WIDTHS * width:
+            continue
         far = place + np.arange(int(STUB_WIDTHS * width) + 1)[:, None] * heading
-        apart = cdist(far, np.concatenate(lines)).min(axis=1)
-        rope = _on_or_beside(view.mask, far) & (apart > OWN_WIDTHS * width)
+        alone = cdist(far, places).min(axis=1) > OWN_WIDTHS * width
+        rope = _on_or_beside(view.mask, far) & alone
         reach = len(far) if rope.all() else int(np.argmin(rope))
-        if apart[0] > AWAY_WIDTHS * width and reach >= max(LEAST_WIDTHS * width, LEAST_PX):
+        if reach >= max(LEAST_WIDTHS * width, LEAST_PX):
             found.append(far[:reach])
     return found
 
