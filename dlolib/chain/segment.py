@@ -27,8 +27,8 @@ THICK = 2.3
 LEAST_AREA, MOST_AREA = 0.15, 1.6
 # A mask of less of the rope may be slivers of something else, one of more has something else on it.
 MOST_OF_ROPE, MORE_THAN_ROPE = 0.5, 1.15
-# Where a rope that leaves its clamp must be.
-BEFORE_M = np.array([0.005, 0.01, 0.015])
+# Where a rope that leaves its clamp must be, and at how much of these places it is looked for no further.
+BEFORE_M, AT_ENDS = np.array([0.005, 0.01, 0.015]), 0.5
 MOST_OF_IMAGE = 0.25
 # What is dark is so in hundreds of thousands of pixels: every so many tell its median as well.
 DARK_EVERY = 4
@@ -92,7 +92,7 @@ def _either(frame: Frame, index: CaptureIndex, settings: ChainSettings) -> Segme
         found = _threshold(frame, index, settings)
     except ChainError as error:
         refusal = error
-    if found is not None and MOST_OF_ROPE < _share_of_rope(found.mask, frame, index) < MORE_THAN_ROPE:
+    if found is not None and _must_be(found.mask, frame, index):
         return found
     try:
         local = _local(frame, index)
@@ -111,21 +111,27 @@ def _likely(mask: Mask, frame: Frame, index: CaptureIndex) -> tuple[bool, float,
     return share > 0, _at_held_ends(mask, frame, index), share if share < MORE_THAN_ROPE else -share
 
 
+def _must_be(mask: Mask, frame: Frame, index: CaptureIndex) -> bool:
+    """Whether a mask is as much as the rope, and where its held ends are: nothing else need be looked for."""
+    is_much = MOST_OF_ROPE < _share_of_rope(mask, frame, index) < MORE_THAN_ROPE
+    return is_much and _at_held_ends(mask, frame, index) >= AT_ENDS
+
+
 def _at_held_ends(mask: Mask, frame: Frame, index: CaptureIndex) -> float:
     """The share of places just before the held ends, where the rope is straight, with some of a mask beside;
-    0 where none is in the image."""
+    1 where none is known to be in the image."""
     start, end = anchors(frame, index)
     held = [one for one in (start, end.turned() if end else None) if one is not None]
     camera, diameter = index.camera, index.rope.diameter_m
     if not held or diameter is None or camera.fx is None or camera.fy is None:
-        return 0.0
+        return 1.0
     places = np.concatenate([one.place_m + np.outer(BEFORE_M, one.tangent) for one in held])
     reach = max(round(diameter * camera.fx / float(np.median(places[:, 2]))), 1)
     near = cv2.dilate(mask.astype(np.uint8), np.ones((2 * reach + 1,) * 2, np.uint8))
     optics = np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
     column, row = np.round(places[:, :2] / places[:, 2:] * optics[0] + optics[1]).astype(int).T
     inside = (column >= 0) & (column < mask.shape[1]) & (row >= 0) & (row < mask.shape[0])
-    return float(near[row[inside], column[inside]].mean()) if inside.any() else 0.0
+    return float(near[row[inside], column[inside]].mean()) if inside.any() else 1.0
 
 
 def _offered(frame: Frame, index: CaptureIndex) -> str:

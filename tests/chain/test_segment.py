@@ -13,7 +13,7 @@ from chain.tubes import Scene, along, index_of, photograph, wave
 from dlolib.captures.base import Frame
 from dlolib.chain import ChainSettings, chain_frame
 from dlolib.chain.extract import LEAST_WIDE, MOST_WIDE
-from dlolib.chain.segment import segment
+from dlolib.chain.segment import _share_of_rope, segment
 from dlolib.errors import ChainError, ParameterError
 from dlolib.types import CaptureIndex
 
@@ -102,6 +102,18 @@ def test_a_part_that_brightness_finds_gives_way_to_the_whole_rope(monkeypatch: p
     part[:, 250:] = False
     assert 0.15 < part.sum() / whole.sum() < 0.5
     monkeypatch.setattr("dlolib.chain.segment._bright", lambda *_: part)
+    assert (segment(frame, index, ChainSettings()).mask == whole).all()
+
+
+def test_as_much_as_the_rope_but_not_at_its_held_ends_gives_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Slivers of a table between boxes had the rope's area to a twentieth."""
+    frame, index = seen((110, 90, 65))
+    whole = segment(frame, index, ChainSettings(segmentation="local")).mask
+    elsewhere = np.roll(whole, 120, axis=0)
+    # further away the same pixels are more
+    elsewhere[:, :240] = False
+    assert 0.9 < _share_of_rope(elsewhere, frame, index) < 1.1 and not (elsewhere & whole).any()
+    monkeypatch.setattr("dlolib.chain.segment._bright", lambda *_: elsewhere)
     assert (segment(frame, index, ChainSettings()).mask == whole).all()
 
 
