@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 from dlolib.captures.base import Frame
 from dlolib.chain.anchor import Anchor, anchors
 from dlolib.chain.axis import Axis, assemble
+from dlolib.chain.cleaning import without_specks
 from dlolib.chain.cloud import view_of_cloud
 from dlolib.chain.greedy import greedy_chain
 from dlolib.chain.held import astray, turned
 from dlolib.chain.join import from_held_ends, joined, may_be_joined
 from dlolib.chain.lift import Strand, centred, lift
 from dlolib.chain.order import in_order
-from dlolib.chain.segment import coverage, segment, without_specks
+from dlolib.chain.segment import coverage, segment
 from dlolib.chain.settings import ChainSettings
 from dlolib.chain.skeleton import centre_lines
 from dlolib.chain.uncertainty import covariances

@@ -10,26 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlolib.captures.base import Frame, Image, Mask
-from dlolib.chain.anchor import anchors
+from dlolib.chain.cleaning import cleaned, window_of, without_blocks
 from dlolib.chain.contrast import background_mask, local_masks, rope_levels
+from dlolib.chain.likely import likelihood, must_be, share_of_rope
 from dlolib.chain.settings import ChainSettings
 from dlolib.errors import ChainError
 from dlolib.formats.capture import LAST_HUE
 from dlolib.types import CaptureIndex
 
-SMALLEST_PX = 20
-# A hole no larger than this is noise: pixels out of the colour's range.
-PINHOLE_PX = 4
 SHADE, PLATEAU = 0.25, 0.75
-# Two strands that cross at a small angle lie side by side.
-THICK = 2.3
-# Share of the rope's outline, length times diameter, that a mask may have and be a rope of this size.
-LEAST_AREA, MOST_AREA = 0.15, 1.6
-# A mask of less of the rope may be slivers of something else, one of more has something else on it.
-MOST_OF_ROPE, MORE_THAN_ROPE = 0.5, 1.15
-# Where a rope that leaves its clamp must be, and at how much of these places it is looked for no further.
-BEFORE_M, AT_ENDS = np.array([0.005, 0.01, 0.015]), 0.5
-MOST_OF_IMAGE = 0.25
 # What is dark is so in hundreds of thousands of pixels: every so many tell its median as well.
 DARK_EVERY = 4
 
@@ -66,16 +55,16 @@ def segment(frame: Frame, index: CaptureIndex, settings: ChainSettings) -> Segme
     if way == "mask":
         if frame.mask is None:
             raise _lacking(frame, "has no mask", "add a column `mask` to frames.csv")
-        return Segmentation(_cleaned(frame.mask, frame, index), None)
+        return Segmentation(cleaned(frame.mask, frame, index), None)
     if frame.color is None and way != "background":
         raise ChainError("has no color image", file=frame.file, mend="give color, or a mask")
     if way == "color":
         if index.rope_color_hsv is None:
             raise _lacking(frame, "has no rope colour", "add `rope_color_hsv` to capture.json")
-        mask = _cleaned(_in_range(frame, index), frame, index)
+        mask = cleaned(_in_range(frame, index), frame, index)
         return Segmentation(mask, rope_levels(frame.color, mask))
     if way == "background":
-        mask = _cleaned(background_mask(frame, index, settings), frame, index)
+        mask = cleaned(background_mask(frame, index, settings), frame, index)
         return Segmentation(mask, rope_levels(frame.color, mask))
     if way == "local":
         return _local(frame, index)
@@ -92,46 +81,17 @@ def _either(frame: Frame, index: CaptureIndex, settings: ChainSettings) -> Segme
         found = _threshold(frame, index, settings)
     except ChainError as error:
         refusal = error
-    if found is not None and _must_be(found.mask, frame, index):
+    if found is not None and must_be(found.mask, frame, index):
         return found
     try:
         local = _local(frame, index)
     except ChainError:
         local = None
     both = [one for one in (found, local) if one is not None]
-    if found is None and not any(_share_of_rope(one.mask, frame, index) for one in both):
+    if found is None and not any(share_of_rope(one.mask, frame, index) for one in both):
         assert refusal is not None
         raise refusal
-    return max(both, key=lambda one: _likely(one.mask, frame, index))
-
-
-def _likely(mask: Mask, frame: Frame, index: CaptureIndex) -> tuple[bool, float, float]:
-    """How likely a mask is the rope: it can be; it is where the held ends are; it is most of it, not more."""
-    share = _share_of_rope(mask, frame, index)
-    return share > 0, _at_held_ends(mask, frame, index), share if share < MORE_THAN_ROPE else -share
-
-
-def _must_be(mask: Mask, frame: Frame, index: CaptureIndex) -> bool:
-    """Whether a mask is as much as the rope, and where its held ends are: nothing else need be looked for."""
-    is_much = MOST_OF_ROPE < _share_of_rope(mask, frame, index) < MORE_THAN_ROPE
-    return is_much and _at_held_ends(mask, frame, index) >= AT_ENDS
-
-
-def _at_held_ends(mask: Mask, frame: Frame, index: CaptureIndex) -> float:
-    """The share of places just before the held ends, where the rope is straight, with some of a mask beside;
-    1 where none is known to be in the image."""
-    start, end = anchors(frame, index)
-    held = [one for one in (start, end.turned() if end else None) if one is not None]
-    camera, diameter = index.camera, index.rope.diameter_m
-    if not held or diameter is None or camera.fx is None or camera.fy is None:
-        return 1.0
-    places = np.concatenate([one.place_m + np.outer(BEFORE_M, one.tangent) for one in held])
-    reach = max(round(diameter * camera.fx / float(np.median(places[:, 2]))), 1)
-    near = cv2.dilate(mask.astype(np.uint8), np.ones((2 * reach + 1,) * 2, np.uint8))
-    optics = np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
-    column, row = np.round(places[:, :2] / places[:, 2:] * optics[0] + optics[1]).astype(int).T
-    inside = (column >= 0) & (column < mask.shape[1]) & (row >= 0) & (row < mask.shape[0])
-    return float(near[row[inside], column[inside]].mean()) if inside.any() else 1.0
+    return max(both, key=lambda one: likelihood(one.mask, frame, index))
 
 
 def _offered(frame: Frame, index: CaptureIndex) -> str:
@@ -147,15 +107,15 @@ def _offered(frame: Frame, index: CaptureIndex) -> str:
 def _threshold(frame: Frame, index: CaptureIndex, settings: ChainSettings) -> Segmentation:
     assert frame.color is not None
     grey = np.asarray(cv2.cvtColor(frame.color, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
-    mask = _cleaned(_bright(grey, frame, index, settings), frame, index)
+    mask = cleaned(_bright(grey, frame, index, settings), frame, index)
     levels = grey.astype(np.float32)
     levels[grey == 255] = np.inf
     return Segmentation(mask, levels)
 
 
 def _local(frame: Frame, index: CaptureIndex) -> Segmentation:
-    masks = [_cleaned(mask, frame, index) for mask in local_masks(frame, index)]
-    mask = max(masks, key=lambda one: _likely(one, frame, index))
+    masks = [cleaned(mask, frame, index) for mask in local_masks(frame, index)]
+    mask = max(masks, key=lambda one: likelihood(one, frame, index))
     return Segmentation(mask, rope_levels(frame.color, mask))
 
 
@@ -188,11 +148,11 @@ def _bright(grey: Image, frame: Frame, index: CaptureIndex, settings: ChainSetti
         )
     # Light from one side leaves the other side of the rope dark: what is connected may be much darker.
     # How bright the rope is, a pillar before it does not tell; nor do slivers that are left of a table.
-    dark, narrow = _dark(grey, sure), _without_blocks(sure, frame, index)
-    lit = narrow if _share_of_rope(narrow, frame, index) else sure
+    dark, narrow = _dark(grey, sure), without_blocks(sure, frame, index)
+    lit = narrow if share_of_rope(narrow, frame, index) else sure
     lowest = dark + SHADE * (float(np.median(grey[lit])) - dark)
     rope = np.asarray(grey >= lowest, dtype=np.bool_)
-    window = _window(rope)
+    window = window_of(rope)
     count, labels = cv2.connectedComponents(rope[window].astype(np.uint8), connectivity=8)
     kept = np.zeros(count, dtype=np.bool_)
     kept[labels[sure[window]]] = True
@@ -206,12 +166,6 @@ def _dark(levels: NDArray[Any], rope: Mask) -> float:
     some = np.s_[::DARK_EVERY, ::DARK_EVERY]
     beside = levels[some][~rope[some]]
     return float(np.median(beside)) if len(beside) else 0.0
-
-
-def _window(mask: Mask) -> tuple[slice, slice]:
-    """The part of an image where a mask (H, W) is, to search no more than that."""
-    left, top, width, height = cv2.boundingRect(mask.view(np.uint8))
-    return slice(top, top + height), slice(left, left + width)
 
 
 def coverage(found: Segmentation) -> NDArray[np.float32]:
@@ -234,65 +188,5 @@ def coverage(found: Segmentation) -> NDArray[np.float32]:
     return covered
 
 
-def _cleaned(mask: Mask, frame: Frame, index: CaptureIndex) -> Mask:
-    return without_specks(_without_blocks(_without_pinholes(mask), frame, index))
-
-
-def _without_pinholes(mask: Mask) -> Mask:
-    """Fill what noise pierces: there the rope is as wide, and its line goes on."""
-    filled, window = mask.copy(), _window(np.ascontiguousarray(mask))
-    filled[window] = without_holes(np.pad(mask[window], 1), PINHOLE_PX)[1:-1, 1:-1]
-    return filled
-
-
-def _without_blocks(mask: Mask, frame: Frame, index: CaptureIndex) -> Mask:
-    """Take away what is thicker than a rope of the known diameter would look."""
-    focal, diameter = index.camera.fx, index.rope.diameter_m
-    if diameter is None or focal is None or frame.depth_m is None:
-        return mask
-    depth = frame.depth_m[mask & (frame.depth_m > 0)]
-    if len(depth) == 0:
-        return mask
-    widest = int(np.ceil(THICK * diameter * focal / float(np.median(depth)))) + 1
-    rope = mask.astype(np.uint8)
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (widest, widest))
-    blocks = cv2.erode(rope, kernel)
-    if not blocks.any():
-        return mask
-    grown = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (widest + 2, widest + 2))
-    return np.asarray(mask & (cv2.dilate(blocks, grown) == 0), dtype=np.bool_)
-
-
-def _share_of_rope(mask: Mask, frame: Frame, index: CaptureIndex) -> float:
-    """The mask's area, at its own distance, over the rope's outline's; 0 where it cannot be the rope."""
-    focal, diameter = index.camera.fx, index.rope.diameter_m
-    if diameter is None or focal is None or frame.depth_m is None:
-        return float(0 < mask.mean() < MOST_OF_IMAGE)
-    depth = frame.depth_m[mask]
-    area = float(((depth / focal) ** 2).sum()) / (index.rope.length_m * diameter)
-    return area if LEAST_AREA < area < MOST_AREA else 0.0
-
-
 def _lacking(frame: Frame, problem: str, mend: str) -> ChainError:
     return ChainError(problem, file=frame.file, place=f"frame {frame.frame}", mend=mend)
-
-
-def without_specks(mask: Mask) -> Mask:
-    """Keep the connected parts of a mask (H, W) that have 20 pixels or more."""
-    cleaned = np.zeros_like(mask)
-    window = _window(np.ascontiguousarray(mask))
-    if mask.any():
-        part = mask[window].astype(np.uint8)
-        count, labels, stats, _ = cv2.connectedComponentsWithStats(part, connectivity=8)
-        large = np.zeros(count, dtype=np.bool_)
-        large[1:] = stats[1:, cv2.CC_STAT_AREA] >= SMALLEST_PX
-        cleaned[window] = large[labels]
-    return cleaned
-
-
-def without_holes(mask: Mask, largest_px: float) -> Mask:
-    """Fill holes up to a size: lost pixels, a frayed tip. Around each a skeleton would run twice."""
-    count, labels, stats, _ = cv2.connectedComponentsWithStats((~mask).astype(np.uint8), connectivity=4)
-    small = stats[:, cv2.CC_STAT_AREA] <= largest_px
-    small[0] = False
-    return np.asarray(mask | small[labels]) if count > 2 and small.any() else mask

@@ -12,7 +12,7 @@ from skimage.graph import pixel_graph
 from skimage.morphology import skeletonize
 
 from dlolib.captures.base import Mask
-from dlolib.chain.segment import without_holes
+from dlolib.chain.cleaning import without_holes
 from dlolib.types import Floats
 
 HARRIS_BLOCK, HARRIS_APERTURE, HARRIS_K = 3, 3, 0.04

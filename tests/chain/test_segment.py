@@ -13,7 +13,8 @@ from chain.tubes import Scene, along, index_of, photograph, wave
 from dlolib.captures.base import Frame
 from dlolib.chain import ChainSettings, chain_frame
 from dlolib.chain.extract import LEAST_WIDE, MOST_WIDE
-from dlolib.chain.segment import _share_of_rope, segment
+from dlolib.chain.likely import share_of_rope
+from dlolib.chain.segment import segment
 from dlolib.errors import ChainError, ParameterError
 from dlolib.types import CaptureIndex
 
@@ -112,7 +113,7 @@ def test_as_much_as_the_rope_but_not_at_its_held_ends_gives_way(monkeypatch: pyt
     elsewhere = np.roll(whole, 120, axis=0)
     # further away the same pixels are more
     elsewhere[:, :240] = False
-    assert 0.9 < _share_of_rope(elsewhere, frame, index) < 1.1 and not (elsewhere & whole).any()
+    assert 0.9 < share_of_rope(elsewhere, frame, index) < 1.1 and not (elsewhere & whole).any()
     monkeypatch.setattr("dlolib.chain.segment._bright", lambda *_: elsewhere)
     assert (segment(frame, index, ChainSettings()).mask == whole).all()
 
