@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from dlolib.captures.base import Frame, Mask
+from dlolib.formats.geometry import nearest_distance
 from dlolib.types import CaptureIndex
 
 SMALLEST_PX = 20
@@ -13,6 +14,9 @@ SMALLEST_PX = 20
 PINHOLE_PX = 4
 # Two strands that cross at a small angle lie side by side.
 THICK = 2.3
+# What is read nearer to an obstacle than so much of the rope's diameter is the obstacle; so close to it in
+# the image there may be a mixture.
+ON_SHARE, BESIDE_PX = 0.4, 2
 
 
 def cleaned(mask: Mask, frame: Frame, index: CaptureIndex) -> Mask:
@@ -36,6 +40,24 @@ def without_blocks(mask: Mask, frame: Frame, index: CaptureIndex) -> Mask:
         return mask
     grown = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (widest + 2, widest + 2))
     return np.asarray(mask & (cv2.dilate(blocks, grown) == 0), dtype=np.bool_)
+
+
+def without_obstacles(mask: Mask, frame: Frame, index: CaptureIndex) -> Mask:
+    """Take away what is known to stand there: what is read on an obstacle, where no rope's skin would be, and
+    what lies beside that and no nearer."""
+    camera, diameter, depth = index.camera, index.rope.diameter_m, frame.depth_m
+    if not index.obstacles or diameter is None or depth is None or not camera.fx or not camera.fy:
+        return mask
+    row, column = np.nonzero(mask & (depth > 0))
+    x, y = (column - (camera.cx or 0)) / camera.fx, (row - (camera.cy or 0)) / camera.fy
+    own = np.stack([x, y, np.ones_like(x)], axis=-1) * depth[row, column][:, None]
+    view = camera.world_from_camera
+    on = nearest_distance(index.obstacles, own @ view[:3, :3].T + view[:3, 3]) < ON_SHARE * diameter
+    known = np.zeros_like(depth)
+    known[row[on], column[on]] = depth[row[on], column[on]]
+    near = cv2.dilate(known, np.ones((2 * BESIDE_PX + 1,) * 2, np.uint8))
+    gone = (near > 0) & ((depth == 0) | (depth > near - ON_SHARE * diameter))
+    return np.asarray(mask & ~gone, dtype=np.bool_)
 
 
 def without_pinholes(mask: Mask) -> Mask:

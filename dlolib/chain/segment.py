@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlolib.captures.base import Frame, Image, Mask
-from dlolib.chain.cleaning import cleaned, window_of, without_blocks
+from dlolib.chain.cleaning import cleaned, window_of, without_blocks, without_obstacles
 from dlolib.chain.contrast import background_mask, local_masks, rope_levels
 from dlolib.chain.likely import likelihood, must_be, share_of_rope
 from dlolib.chain.settings import ChainSettings
@@ -114,7 +114,9 @@ def _threshold(frame: Frame, index: CaptureIndex, settings: ChainSettings) -> Se
 
 
 def _local(frame: Frame, index: CaptureIndex) -> Segmentation:
-    masks = [cleaned(mask, frame, index) for mask in local_masks(frame, index)]
+    found = local_masks(frame, index)
+    found += [without_obstacles(mask, frame, index) for mask in found]
+    masks = [cleaned(mask, frame, index) for mask in found]
     mask = max(masks, key=lambda one: likelihood(one, frame, index))
     return Segmentation(mask, rope_levels(frame.color, mask))
 
