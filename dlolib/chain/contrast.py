@@ -40,16 +40,16 @@ def local_masks(frame: Frame, index: CaptureIndex) -> list[Mask]:
     around = np.asarray(blurred, dtype=np.uint8)
     difference = np.asarray(cv2.absdiff(frame.color, around).max(axis=-1), dtype=np.uint8)
     sure = difference >= _otsu(difference)
-    if not sure.any():
+    step = frame.color[sure].astype(np.float32) - around[sure]
+    side = step @ np.linalg.eigh(step.T @ step)[1][:, -1]
+    ways = sorted((step[side > 0], step[side <= 0]), key=len, reverse=True)
+    if len(ways[0]) < LEAST_PX:
         raise ChainError(
             "no rope: nothing differs from what is around it",
             file=frame.file,
             place=f"frame {frame.frame}",
             mend="remove the frame, or give rope_color_hsv, a background or a mask",
         )
-    step = frame.color[sure].astype(np.float32) - around[sure]
-    side = step @ np.linalg.eigh(step.T @ step)[1][:, -1]
-    ways = sorted((step[side > 0], step[side <= 0]), key=len, reverse=True)
     return [
         _that_way(frame.color, around, np.asarray(np.median(way, axis=0)))
         for way in ways

@@ -180,6 +180,16 @@ def test_a_red_rope_on_both_sides_of_hue_0() -> None:
     np.testing.assert_array_equal(found.mask, rope)
 
 
+@pytest.mark.parametrize("spots", [0, 5])
+def test_where_nothing_or_next_to_nothing_differs_there_is_no_rope(spots: int) -> None:
+    frame, index = seen()
+    assert frame.color is not None
+    color = np.full_like(frame.color, 90)
+    color[100, 100 : 100 + 7 * spots : 7] = 200
+    with pytest.raises(ChainError, match="nothing differs"):
+        segment(replace(frame, color=color), index, ChainSettings(segmentation="local"))
+
+
 def test_a_choice_that_the_capture_cannot_serve_names_the_mend() -> None:
     frame, index = seen()
     for way, mend in (
