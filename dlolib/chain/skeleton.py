@@ -19,6 +19,8 @@ HARRIS_BLOCK, HARRIS_APERTURE, HARRIS_K = 3, 3, 0.04
 PRUNINGS = 3
 SHORTEST_WIDTHS, SPUR_WIDTHS = 1.5, 1.5
 HOLE_WIDTHS = 2.0
+# A rope comes in no more parts than this: in an image of noise only the longest are looked at.
+MOST_LINES = 64
 # Over so many widths to either side a rope turns by less than this angle: it bends no closer than 1.4 widths.
 KINK_WIDTHS, KINK_RAD = 1.5, 1.1
 
@@ -50,7 +52,8 @@ def centre_lines(mask: Mask) -> tuple[list[Floats], float]:
     apart = skeleton & ~_around(forks, 0.5 * width)
     whole = [part for line in _ordered(apart) for part in _without_kinks(line, width)]
     lines = [line for line in whole if len(line) >= SHORTEST_WIDTHS * width]
-    return [line + np.array([left, top]) for line in lines], width
+    longest = sorted(sorted(range(len(lines)), key=lambda k: -len(lines[k]))[:MOST_LINES])
+    return [lines[k] + np.array([left, top]) for k in longest], width
 
 
 def _thinned(mask: Mask) -> Mask:

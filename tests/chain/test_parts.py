@@ -14,7 +14,7 @@ from dlolib.chain.greedy import greedy_chain
 from dlolib.chain.lift import Strand, half_widths
 from dlolib.chain.mixing import unmixed
 from dlolib.chain.order import in_order
-from dlolib.chain.skeleton import centre_lines
+from dlolib.chain.skeleton import MOST_LINES, centre_lines
 from dlolib.chain.smooth import smoothed
 from dlolib.chain.uncertainty import covariances
 from dlolib.chain.view import View
@@ -52,6 +52,13 @@ def test_a_pinhole_is_no_fork() -> None:
     mask = drawn(np.array([[50, 150], [350, 150]]), 8)
     mask[149:152, 199:202] = False
     assert len(centre_lines(mask)[0]) == 1
+
+
+def test_of_an_image_of_noise_no_more_than_some_lines_are_looked_at() -> None:
+    """A frame of it took a minute, all of it spent on lines that no rope has."""
+    noise = np.random.default_rng(5).random((300, 400)) < 0.3
+    lines, _ = centre_lines(noise)
+    assert len(lines) == MOST_LINES
 
 
 def test_strands_are_put_in_order_through_gaps_and_turned() -> None:
