@@ -43,8 +43,8 @@ def without_blocks(mask: Mask, frame: Frame, index: CaptureIndex) -> Mask:
 
 
 def without_obstacles(mask: Mask, frame: Frame, index: CaptureIndex) -> Mask:
-    """Take away what is known to stand there: what is read on an obstacle, where no rope's skin would be, and
-    what lies beside that and no nearer."""
+    """Take away from a mask (H, W) what is known to stand there: what is read on an obstacle, where no rope's
+    skin would be, and what lies beside that and no nearer."""
     camera, diameter, depth = index.camera, index.rope.diameter_m, frame.depth_m
     if not index.obstacles or diameter is None or depth is None or not camera.fx or not camera.fy:
         return mask

@@ -18,13 +18,14 @@ MOST_OF_IMAGE = 0.25
 
 
 def likelihood(mask: Mask, frame: Frame, index: CaptureIndex) -> tuple[bool, float, float]:
-    """How likely a mask is the rope: it can be; it is where the held ends are; it is most of it, not more."""
+    """How likely a mask (H, W) is the rope, to be compared: whether it can be, how far it is where the held
+    ends are, and how much of the rope it is, where more than the rope is least."""
     share = share_of_rope(mask, frame, index)
     return share > 0, _at_held_ends(mask, frame, index), share if share < MORE_THAN_ROPE else -share
 
 
 def must_be(mask: Mask, frame: Frame, index: CaptureIndex) -> bool:
-    """Whether a mask is as much as the rope, and where its held ends are: nothing else need be looked for."""
+    """Whether a mask (H, W) is as much as the rope, and where its held ends are: no other need be found."""
     is_much = MOST_OF_ROPE < share_of_rope(mask, frame, index) < MORE_THAN_ROPE
     return is_much and _at_held_ends(mask, frame, index) >= AT_ENDS
 

@@ -43,7 +43,8 @@ def segment(frame: Frame, index: CaptureIndex, settings: ChainSettings) -> Segme
     is around it and is as narrow as a rope. `color`: the capture's `rope_color_hsv`. `background`: what
     differs from the capture's images of the empty scene, in colour or by being nearer. `mask`: from outside.
     `auto` takes the first that the capture offers: mask, colour, background; else the threshold, and where
-    what it finds cannot be the rope (a bright table, a pillar), the local difference.
+    what it finds cannot be the rope (a bright table, a pillar) or is not where its held ends are, the local
+    difference, with the obstacles that are known taken out where that is likelier.
 
     Specks go, and so does whatever is far thicker than the rope at its distance (a gripper, a board), where
     the diameter is known.
@@ -74,8 +75,8 @@ def segment(frame: Frame, index: CaptureIndex, settings: ChainSettings) -> Segme
 
 
 def _either(frame: Frame, index: CaptureIndex, settings: ChainSettings) -> Segmentation:
-    """By brightness, and where what that finds cannot be most of the rope, or has more on it, by the local
-    difference if that is likelier."""
+    """By brightness, and where what that finds cannot be most of the rope, has more on it or is not at its
+    held ends, by the local difference if that is likelier."""
     found, refusal = None, None
     try:
         found = _threshold(frame, index, settings)

@@ -55,7 +55,7 @@ def test_a_pinhole_is_no_fork() -> None:
 
 
 def test_of_an_image_of_noise_no_more_than_some_lines_are_looked_at() -> None:
-    """A frame of it took a minute, all of it spent on lines that no rope has."""
+    """All the time of such a frame went into lines that no rope has."""
     noise = np.random.default_rng(5).random((300, 400)) < 0.3
     lines, _ = centre_lines(noise)
     assert len(lines) == MOST_LINES
