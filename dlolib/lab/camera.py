@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter, maximum_filter, minimum_filter, uniform_filter
+from scipy.ndimage import gaussian_filter, maximum_filter
 from scipy.spatial.transform import Rotation
 
 from dlolib.lab.scene import Scene
 from dlolib.o3d import open3d
-from dlolib.types import Camera, Floats
+from dlolib.types import Camera, Floats, Ints
 
 WIDTH, HEIGHT, FOCAL_PX, CENTER_PX = 640, 576, 504.0, (320.0, 288.0)
 DEPTH_SCALE = 1000.0
@@ -24,8 +26,7 @@ SPREAD_PX, RAYS, FINE_RAYS = 1.5, 3, 7
 SAME = 1e-3
 EDGE_STEP_M, FAR_M = 0.008, 100.0
 BIAS_PX = 100.0
-LIGHT = np.array([-0.35, -0.8, 0.5]) / np.linalg.norm([-0.35, -0.8, 0.5])
-AMBIENT, COLOR_NOISE = 0.35, 2.0
+COLOR_NOISE = 2.0
 
 
 @dataclass(frozen=True)
@@ -86,13 +87,13 @@ def _gathered(scene: Scene, camera: Camera) -> tuple[Floats, Floats, Floats, Flo
     share = _mean(seen.astype(float))
     mixed = _mean(np.where(seen, depth, 0.0)) / np.maximum(share, 1e-9)
     step = _range(np.where(seen, depth, FAR_M))
-    bright = np.stack([_mean(channel) for channel in np.moveaxis(shade, -1, 0)], axis=-1)
-    uneven = maximum_filter((step > EDGE_STEP_M) | (_range(shade.max(axis=-1)) > SAME), RAYS)
+    bright = _mean(scene.shades[shade])
+    uneven = maximum_filter((step > EDGE_STEP_M) | (_range(scene.shades.max(axis=1)[shade]) > SAME), RAYS)
     row, column = np.nonzero(uneven)
     x, y = _spread()
     depth, shade = _cast(scene, camera, column[:, None] + x, row[:, None] + y)
     seen = np.isfinite(depth)
-    share[uneven], bright[uneven] = seen.mean(axis=1), shade.mean(axis=1)
+    share[uneven], bright[uneven] = seen.mean(axis=1), scene.shades[shade].mean(axis=1)
     mixed[uneven] = np.where(seen, depth, 0.0).sum(axis=1) / np.maximum(seen.sum(axis=1), 1)
     return share, mixed, step, bright
 
@@ -105,32 +106,40 @@ def _spread() -> tuple[Floats, Floats]:
     return step * (x + y / FINE_RAYS), step * (y - x / FINE_RAYS)
 
 
-def _cast(scene: Scene, camera: Camera, column: Floats, row: Floats) -> tuple[Floats, Floats]:
-    """Depth [m], infinite where nothing is, and brightness (.., 3) of rays through these places [px]."""
+def _cast(scene: Scene, camera: Camera, column: Floats, row: Floats) -> tuple[Floats, Ints]:
+    """Depth [m], infinite where nothing is, and the row of the scene's shades, of rays through these places
+    [px]."""
     assert camera.fx and camera.fy
-    x, y = (column - (camera.cx or 0)) / camera.fx, (row - (camera.cy or 0)) / camera.fy
     pose = camera.world_from_camera
+    rays = np.empty((*column.shape, 6), dtype=np.float32)
+    rays[..., :3] = pose[:3, 3]
     # Directions have depth 1 along the viewing axis, so the distance along a ray is the depth.
-    direction = np.stack([x, y, np.ones_like(x)], axis=-1) @ pose[:3, :3].T
-    rays = np.concatenate([np.broadcast_to(pose[:3, 3], direction.shape), direction], axis=-1)
-    hit = scene.rays.cast_rays(open3d.core.Tensor.from_numpy(rays.astype(np.float32)))
+    x, y = (column - (camera.cx or 0)) / camera.fx, (row - (camera.cy or 0)) / camera.fy
+    for axis, (right, down, ahead) in enumerate(pose[:3, :3]):
+        rays[..., 3 + axis] = right * x + down * y + ahead
+    hit = scene.rays.cast_rays(open3d.core.Tensor.from_numpy(rays))
     depth = hit["t_hit"].numpy().astype(float)
     seen = np.isfinite(depth)
-    shade = np.zeros((*depth.shape, 3))
-    triangle = scene.first[hit["geometry_ids"].numpy()[seen]] + hit["primitive_ids"].numpy()[seen]
-    facing = np.abs(hit["primitive_normals"].numpy()[seen] @ LIGHT)
-    shade[seen] = scene.albedo[triangle] * (AMBIENT + (1 - AMBIENT) * facing)[:, None]
-    return depth, shade
+    # The last row of the shades is that of nothing.
+    mesh = np.where(seen, hit["geometry_ids"].numpy(), 0)
+    return depth, np.where(seen, scene.first[mesh] + hit["primitive_ids"].numpy(), len(scene.shades) - 1)
 
 
 def _mean(rays: Floats) -> Floats:
-    """Each pixel's mean over its 3 x 3 rays, (H, W)."""
-    return np.asarray(uniform_filter(rays, RAYS)[1::2, 1::2])
+    """Each pixel's mean over its 3 x 3 rays, (H, W, ..)."""
+    return _over(np.add, rays) / RAYS**2
 
 
 def _range(rays: Floats) -> Floats:
     """How far each pixel's 3 x 3 rays are apart, (H, W)."""
-    return np.asarray((maximum_filter(rays, RAYS) - minimum_filter(rays, RAYS))[1::2, 1::2])
+    return _over(np.maximum, rays) - _over(np.minimum, rays)
+
+
+def _over(gather: Callable[[Floats, Floats], Floats], rays: Floats) -> Floats:
+    """Each pixel's 3 x 3 rays gathered into one, (H, W, ..): neighbouring pixels share a row of rays."""
+    height, width = rays.shape[0] - RAYS + 1, rays.shape[1] - RAYS + 1
+    rows = reduce(gather, [rays[first : first + height : 2] for first in range(RAYS)])
+    return reduce(gather, [rows[:, first : first + width : 2] for first in range(RAYS)])
 
 
 def _noise(depth: Floats, sensor: Sensor, rng: np.random.Generator) -> Floats:

@@ -20,6 +20,8 @@ SIDES, RINGS_PER_BODY = 32, 4
 # Reflectances: white rope with darker strands, black plate, the rest dark grey.
 ROPE, STRAND, PLATE, CLAMP, GRIPPER, OBSTACLE = 0.9, 0.08, 0.04, 0.12, 0.16, 0.22
 STRAND_PITCH_M, STRANDS = 0.02, 3
+LIGHT = np.array([-0.35, -0.8, 0.5]) / np.linalg.norm([-0.35, -0.8, 0.5])
+AMBIENT = 0.35
 PLATE_Y_M = 0.03
 # Boxes: from, to along the tangent (third axis), full sizes along the first and second.
 CLAMP_BOX_M = ((-0.03, 0.0), 0.03, 0.03)
@@ -44,11 +46,12 @@ class Look:
 
 @dataclass(frozen=True)
 class Scene:
-    """Open3D's RaycastingScene; first (G,) triangle of each mesh and albedo (triangles, 3) for colour."""
+    """Open3D's RaycastingScene; first (G,) triangle of each mesh; how bright each triangle is in red, green
+    and blue, shades (triangles + 1, 3), where the last is nothing, which is black."""
 
     rays: Any
     first: Ints
-    albedo: Floats
+    shades: Floats
     dim: float
 
 
@@ -77,13 +80,18 @@ def build_scene(
     meshes += [(_held(end, box), GRIPPER) for box in (JAW_BOX_M, WRIST_BOX_M)]
     meshes += [(_obstacle(one), OBSTACLE) for one in obstacles if one.shape in MESHES]
     scene = open3d.t.geometry.RaycastingScene()
-    albedo, first = [], [0]
-    for mesh, shade in meshes:
+    shades, first = [], [0]
+    for mesh, albedo in meshes:
         scene.add_triangles(open3d.t.geometry.TriangleMesh.from_legacy(mesh))
-        count = len(mesh.triangles)
-        albedo.append(np.broadcast_to(np.asarray(shade, dtype=float), (count, 3)))
-        first.append(first[-1] + count)
-    return Scene(scene, np.array(first[:-1]), np.concatenate(albedo), look.dim)
+        shades.append(_lit(mesh)[:, None] * np.ones(3) * np.asarray(albedo))
+        first.append(first[-1] + len(mesh.triangles))
+    return Scene(scene, np.array(first[:-1]), np.concatenate([*shades, np.zeros((1, 3))]), look.dim)
+
+
+def _lit(mesh: Any) -> Floats:
+    """The share of the light that falls on each triangle, from either side, (triangles,)."""
+    facing = np.asarray(mesh.compute_triangle_normals().triangle_normals) @ LIGHT
+    return np.asarray(AMBIENT + (1 - AMBIENT) * np.abs(facing))
 
 
 def _tube(xyz: Floats, radius: float) -> tuple[Any, Floats]:
