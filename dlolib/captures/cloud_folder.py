@@ -12,7 +12,6 @@ import numpy as np
 
 from dlolib.captures.base import Frame
 from dlolib.errors import FormatError
-from dlolib.o3d import open3d
 from dlolib.types import CaptureIndex, Floats
 
 FURTHEST_M = 30.0
@@ -41,6 +40,9 @@ def read_cloud(path: Path) -> Floats:
     Raises:
         FormatError: no PLY, truncated, empty, behind the camera, or not in metres.
     """
+    # It takes a second to load.
+    from dlolib.o3d import open3d
+
     count = _promised(path.read_bytes(), path)
     points = np.asarray(open3d.io.read_point_cloud(path, format="ply").points, dtype=np.float64)
     if len(points) != count or count == 0:

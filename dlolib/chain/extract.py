@@ -9,7 +9,8 @@ import numpy as np
 
 from dlolib.captures.base import Source
 from dlolib.chain.clock import clocks_apart
-from dlolib.chain.frame import FrameChain, chain_frame
+from dlolib.chain.frame import FrameChain
+from dlolib.chain.many import chains_of
 from dlolib.chain.settings import ChainSettings
 from dlolib.chain.uncertainty import noise_of
 from dlolib.errors import ChainError
@@ -83,7 +84,8 @@ def extract_chain(source: Source, settings: ChainSettings | None = None) -> Chai
     for _ in range(PASSES):
         late_s += more_s
         index = _later(source.index, late_s)
-        chains = _chains(source, index, settings)
+        frames = track(source.frames(), f"chain of {index.name}", len(index.frame))
+        chains = chains_of(frames, index, settings)
         more_s = clocks_apart(chains, index)
         if more_s == 0.0:
             break
@@ -187,13 +189,6 @@ def _named(chains: Sequence[FrameChain]) -> str:
     frames = ", ".join(str(chain.frame) for chain in chains[:MOST_NAMED])
     more = len(chains) - MOST_NAMED
     return f"{_lengths(chains)} in frames {frames}" + (f" and {more} more" if more > 0 else "")
-
-
-def _chains(source: Source, index: CaptureIndex, settings: ChainSettings) -> list[FrameChain]:
-    chains: list[FrameChain] = []
-    for frame in track(source.frames(), f"chain of {index.name}", len(index.frame)):
-        chains.append(chain_frame(frame, index, settings, chains[-1] if chains else None))
-    return chains
 
 
 def _later(index: CaptureIndex, late_s: float) -> CaptureIndex:
