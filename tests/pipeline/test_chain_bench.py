@@ -10,6 +10,7 @@ import pytest
 from dlolib.chain import ChainSettings, FrameChain, chain_frame
 from dlolib.lab.camera import Sensor, default_camera
 from dlolib.types import Floats
+from stages.chain_bench import to_and_fro
 from stages.chain_score import score
 from stages.chain_views import CASES, DRAWN, LENGTH_M, Case, arcs, drawn, photograph
 
@@ -74,6 +75,17 @@ def test_what_is_drawn_is_the_same_every_time_and_of_every_kind() -> None:
     # a crossing is there in every third
     bends = [drawn(number)[1] for number in (0, 1)]
     assert [(np.diff(shape[:, 0]) < 0).any() for shape in bends] == [True, False]
+
+
+def test_a_long_capture_is_of_the_same_frames_and_poses() -> None:
+    shots = [photograph(CASES[0], shape, default_camera(), number) for number, shape in enumerate(arcs(2))]
+    frames, index = to_and_fro(shots, 4)
+    assert [frame.frame for frame in frames] == [0, 1, 2, 3]
+    for row, k in enumerate((0, 1, 1, 0)):
+        alone = chain_frame(shots[k].frame, shots[k].index, ChainSettings())
+        found = chain_frame(frames[row], index, ChainSettings())
+        # Each shape is as long as its curve, to a hundredth of a millimetre.
+        np.testing.assert_allclose(found.xyz_m, alone.xyz_m, atol=1e-5)
 
 
 def test_without_noise_the_depth_is_that_of_the_axis_up_to_the_clamps() -> None:
