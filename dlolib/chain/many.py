@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator
 from concurrent.futures import Future
 from itertools import islice
 
+import cv2
 import numpy as np
 from loky import ProcessPoolExecutor, cpu_count
 
@@ -21,6 +22,8 @@ from dlolib.types import CaptureIndex
 MANY = 100
 # Frames at a time, one of which is looked at twice; and how many such stretches wait, for each process.
 STRETCH, AHEAD = 12, 2
+# Each process has a core: threads of its own would take another's.
+ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
 Stretch = list[Frame]
 Guesses = list[FrameChain]
@@ -40,7 +43,7 @@ def chains_of(frames: Iterable[Frame], index: CaptureIndex, settings: ChainSetti
             found.append(chain_frame(frame, index, settings, found[-1] if found else None))
         return found
     # A process of loky's does not run the program's own file again, as others would.
-    with ProcessPoolExecutor(cores) as pool:
+    with ProcessPoolExecutor(cores, initializer=cv2.setNumThreads, initargs=(1,), env=ONE_THREAD) as pool:
         waiting: deque[tuple[Stretch, Future[Guesses]]] = deque()
         last: Stretch = []
         for stretch in _stretches(frames):
