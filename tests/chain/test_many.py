@@ -25,7 +25,7 @@ def turning(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Frame], Capt
     folder = tmp_path_factory.mktemp("turning") / "capture"
     middle = wave(0.6).mean(axis=0)
     turns = Rotation.from_rotvec(np.outer(np.linspace(0, 1.2 * np.pi, FRAMES), [0, 1, 0]))
-    axes = [turn.apply(wave(0.6) - middle) * [1, 1, 0.9] + middle for turn in turns]
+    axes = [turn.apply(wave(0.6) - middle) + middle for turn in turns]
     write_capture(folder, axes, Scene(noisy=False), clamped=False)
     source = open_capture(folder)
     return list(source.frames()), source.index
