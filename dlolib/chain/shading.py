@@ -16,7 +16,7 @@ from dlolib.chain.view import View
 from dlolib.types import Floats
 
 # Of a section: background on either side, and five ways of light to lie on a round body.
-PARTS = 7
+PARTS, BODY = 7, 2
 BLURS_PX = (0.1, 0.2, 0.3, 0.4, 0.55, 0.7, 0.9, 1.2, 1.6)
 FIRST_BLUR, SEARCH_EVERY = 3, 2
 # A round that moves nine in ten samples by less is the last.
@@ -32,6 +32,9 @@ END_RADII = 1.0
 # order, and little of them is left of one that does not: they are held back more.
 WEAK, SECOND_ORDER = 0.02, 0.05
 PRIORS = (WEAK, WEAK, WEAK, WEAK, WEAK, SECOND_ORDER, SECOND_ORDER)
+# Light of fourth order is in the edge of every shadow; of a Lambertian body about so large a share of the
+# level goes with cos 4φ, and with sin 4φ. The fit has no parts for it, and is drawn aside by it.
+FOURTH_ORDER = 0.03
 LARGEST_ERROR_PX, LARGEST_SHIFT = 0.15, 0.2
 LEAST_SHARE = 0.3
 
@@ -56,10 +59,11 @@ def shaded_middles(
         half_wave_px: half of the shortest wave that the line may show [px].
 
     Returns:
-        Lines (N, 2) with one sample a pixel, in the same order; the standard error [px] (N,) of the middle
-        at each of their samples, a constant where light does not tell.
+        Lines (N, 2) with one sample a pixel, in the same order; how far [px] (N, 2) the middle may be off at
+        each of their samples: by noise, and by light that the fit does not know, which is the same in frame
+        after frame. Constants where light does not tell.
     """
-    errors = [np.full(len(grid), LARGEST_ERROR_PX) for grid in grids]
+    errors = [np.full((len(grid), 2), LARGEST_ERROR_PX) for grid in grids]
     if view.levels is None or not grids:
         return grids, errors
     pixels, levels, inside = _around(view, max(float(r.max()) for r in radii_px))
@@ -73,15 +77,21 @@ def shaded_middles(
         found = [_moved(grid, line, profile, half_wave_px) for grid, line in zip(grids, lines, strict=True)]
         grids = [grid for grid, _, _ in found]
         radii_px = [stretched(old, len(new)) for new, old in zip(grids, radii_px, strict=True)]
-        errors = [stretched(error, len(grid)) for grid, error, _ in found]
         if max(step for _, _, step in found) < ENOUGH_PX:
             break
-    return grids, errors
+    assert profile is not None
+    doubts = [
+        _doubts(line, profile, half_wave_px, fit) for line, (_, fit, _) in zip(lines, found, strict=True)
+    ]
+    return grids, [stretched(doubt, len(grid)) for doubt, grid in zip(doubts, grids, strict=True)]
 
 
 def stretched(values: Floats, count: int) -> Floats:
-    """Values along a line that has been given other samples."""
-    return np.interp(np.linspace(0, 1, count), np.linspace(0, 1, len(values)), values)
+    """Values (N,) or (N, K) along a line that has been given other samples, (count,) or (count, K)."""
+    at, old = np.linspace(0, 1, count), np.linspace(0, 1, len(values))
+    if values.ndim > 1:
+        return np.stack([np.interp(at, old, column) for column in values.T], axis=-1)
+    return np.interp(at, old, values)
 
 
 def _around(view: View, radius: float) -> tuple[Floats, Floats, NDArray[np.bool_]]:
@@ -135,11 +145,13 @@ def _trim(radius: Floats) -> float:
 
 @dataclass(frozen=True)
 class _Profile:
-    """The blurred parts of a section (M, PARTS) and their slopes over u = across / radius, at u (M,)."""
+    """The blurred parts of a section (M, PARTS) and their slopes over u = across / radius, at u (M,); and
+    what light of fourth order would add, fourth (M, 2)."""
 
     u: Floats
     parts: Floats
     slopes: Floats
+    fourth: Floats
     size: float
 
     @staticmethod
@@ -150,46 +162,63 @@ class _Profile:
         body = np.abs(u) <= 1
         front = np.sqrt(np.maximum(1 - u**2, 0))
         light = [body, body * u, body * front, body * u * front, body * (2 * u**2 - 1)]
-        parts = np.stack([u < -1, u > 1, *light]).astype(np.float64)
+        twice = 1 - 2 * u**2
+        fourth = [body * (2 * twice**2 - 1), body * 4 * u * front * twice]
+        parts = np.stack([u < -1, u > 1, *light, *fourth]).astype(np.float64)
         # A pixel gathers the light of its whole area, and the lens blurs it before. An even window would lie
         # aside by half a step.
         window = 2 * round(0.5 * pixel / STEP) + 1
         parts = uniform_filter1d(parts, window, axis=1, mode="nearest")
         parts = gaussian_filter1d(parts, blur / STEP, axis=1, mode="nearest")
-        slopes = np.gradient(parts, STEP, axis=1)
-        return _Profile(u, np.ascontiguousarray(parts.T), np.ascontiguousarray(slopes.T), size)
+        slopes = np.gradient(parts[:PARTS], STEP, axis=1)
+        tables = parts[:PARTS], slopes, parts[PARTS:]
+        known, moving, unknown = (np.ascontiguousarray(table.T) for table in tables)
+        return _Profile(u, known, moving, unknown, size)
 
-    def at(self, u: Floats) -> tuple[Floats, Floats]:
-        """Parts and slopes at u (...), (..., PARTS) each."""
-        place = np.clip(np.round((u + REACH) / STEP).astype(int), 0, len(self.u) - 1)
-        return self.parts[place], self.slopes[place]
+    def at(self, line: _Line) -> NDArray[np.intp]:
+        """The rows of parts, slopes and fourth for each pixel (S, W) of a line's sections."""
+        u = line.across / (self.size * line.radius[line.sample, None])
+        rows: NDArray[np.intp] = np.round((u + REACH) / STEP).astype(np.intp)
+        return np.clip(rows, 0, len(self.u) - 1)
+
+
+class _Windows:
+    """Each sample of a line (N,) with the sections within half a wave of it."""
+
+    def __init__(self, line: _Line, half_wave: float) -> None:
+        at, half = np.arange(len(line.radius)), int(0.5 * half_wave)
+        # Sections are sorted by sample: sums over a window are differences of running sums.
+        self.low = np.searchsorted(line.sample, at - half)
+        self.high = np.searchsorted(line.sample, at + half + 1)
+
+    def sums(self, sections: Floats) -> Floats:
+        """Over each window, of what the sections (S, ...) have: (N, ...)."""
+        running = np.zeros((len(sections) + 1, *sections.shape[1:]))
+        np.cumsum(sections, axis=0, out=running[1:])
+        return np.asarray(running[self.high] - running[self.low])
 
 
 @dataclass(frozen=True)
 class _Fit:
-    """Of each sample's section: offset of its middle [px], its standard error, and the residuals' mean."""
+    """Of each sample's section (N,): offset of its middle [px], its standard error were the residuals white,
+    and their mean square. The fit itself: what each pixel has of the parts and of movement, known (S, W,
+    PARTS + 1), how much of them there is, found (N, PARTS + 1), and what moves the middle, lever (N,
+    PARTS + 1)."""
 
     offset: Floats
     error: Floats
     residual: Floats
+    known: Floats
+    found: Floats
+    lever: Floats
 
 
 def _fit(line: _Line, profile: _Profile, half_wave: float) -> _Fit:
     """Fit the sections (N,), each together with its neighbours within half a wave."""
     count = len(line.radius)
-    radius = profile.size * line.radius[line.sample, None]
-    parts, slopes = profile.at(line.across / radius)
-    half = int(0.5 * half_wave)
-    # Sections are sorted by sample: sums over a window are differences of running sums.
-    low = np.searchsorted(line.sample, np.arange(count) - half)
-    high = np.searchsorted(line.sample, np.arange(count) + half + 1)
-
-    def summed(sections: Floats) -> Floats:
-        """Sums over each sample's window of what the sections (S, ...) have: (N, ...)."""
-        running = np.zeros((len(sections) + 1, *sections.shape[1:]))
-        np.cumsum(sections, axis=0, out=running[1:])
-        return np.asarray(running[high] - running[low])
-
+    at = profile.at(line)
+    parts, slopes = profile.parts[at], profile.slopes[at]
+    summed = _Windows(line, half_wave).sums
     pixels = summed(line.there.sum(axis=1))
     known = np.concatenate([parts * line.there[..., None], line.level[..., None]], axis=2)
     # In the order parts, level, movement: the last is known only once the light is.
@@ -198,6 +227,7 @@ def _fit(line: _Line, profile: _Profile, half_wave: float) -> _Fit:
     prior = np.diag(PRIORS)
     light = np.linalg.solve(both[:, :PARTS, :PARTS] + prior, both[:, :PARTS, PARTS, None])[..., 0]
     # A section moved by d is bright as this one at across - d.
+    radius = profile.size * line.radius[line.sample, None]
     moving = (-(slopes @ light[line.sample, :, None])[..., 0] / radius) * line.there
     both[:, :-1, -1] = both[:, -1, :-1] = summed((moving[:, None] @ known)[:, 0])
     both[:, -1, -1] = summed((moving**2).sum(axis=1))
@@ -214,7 +244,40 @@ def _fit(line: _Line, profile: _Profile, half_wave: float) -> _Fit:
     rest = np.maximum(rest, 1 / 12)
     rest = np.where(pixels > 3 * PARTS, rest, np.inf)
     error: Floats = np.sqrt(np.maximum(rest * inverse, 0)).astype(np.float64)
-    return _Fit(solved[:, PARTS].astype(np.float64), error, rest.astype(np.float64))
+    known = np.concatenate([known[..., :PARTS], moving[..., None]], axis=2)
+    return _Fit(
+        solved[:, PARTS].astype(np.float64), error, rest.astype(np.float64), known, solved, answer[..., 1]
+    )
+
+
+def _doubts(line: _Line, profile: _Profile, half_wave: float, fit: _Fit) -> Floats:
+    """How far [px] (N, 2) the middle may be off: by what the fit leaves, and by light of fourth order.
+
+    What it leaves counts where it moves the middle (White, Econometrica 48, 1980): a strand's pattern amid
+    the rope moves it less than an edge that single pixels cut into steps.
+    """
+    usable = _usable(line, fit)
+    if usable.mean() < LEAST_SHARE:
+        return np.full((len(usable), 2), LARGEST_ERROR_PX)
+    windows = _Windows(line, half_wave)
+    left = (line.level - (fit.known @ fit.found[line.sample, :, None])[..., 0]) * line.there
+    weighted = fit.known * left[..., None]
+    spread = windows.sums(weighted.transpose(0, 2, 1) @ weighted)
+    noise = np.sqrt(np.einsum("ni,nij,nj->n", fit.lever, spread, fit.lever))
+    fourth = profile.fourth[profile.at(line)] * line.there[..., None]
+    aside = np.einsum("ni,nij->nj", fit.lever, windows.sums(fit.known.transpose(0, 2, 1) @ fourth))
+    body = windows.sums((fit.known[..., BODY] * np.stack([line.level, fit.known[..., BODY]])).sum(axis=2).T)
+    level = body[:, 0] / np.maximum(body[:, 1], 1e-12)
+    doubt = np.stack([noise, FOURTH_ORDER * level * np.linalg.norm(aside, axis=1)], axis=-1)
+    at = np.arange(len(doubt))
+    return np.stack([np.interp(at, at[usable], column[usable]) for column in doubt.T], axis=-1)
+
+
+def _usable(line: _Line, fit: _Fit) -> NDArray[np.bool_]:
+    """Which samples' sections (N,) tell their middle."""
+    usable = (fit.error < LARGEST_ERROR_PX) & (np.abs(fit.offset) < LARGEST_SHIFT * 2 * line.radius)
+    usable[[0, -1]] = False
+    return np.asarray(usable)
 
 
 def _best_profile(lines: list[_Line], half_wave: float, sizes: tuple[float, ...]) -> _Profile:
@@ -271,18 +334,16 @@ def _downhill(misfit: Callable[[int], float], at: int, count: int) -> int:
     return at
 
 
-def _moved(grid: Floats, line: _Line, profile: _Profile, half_wave: float) -> tuple[Floats, Floats, float]:
-    """The line anew, its standard error, and what most of its samples moved less than [px]."""
+def _moved(grid: Floats, line: _Line, profile: _Profile, half_wave: float) -> tuple[Floats, _Fit, float]:
+    """The line anew, the fit that moved it, and what most of its samples moved less than [px]."""
     fit = _fit(line, profile, half_wave)
-    usable = (fit.error < LARGEST_ERROR_PX) & (np.abs(fit.offset) < LARGEST_SHIFT * 2 * line.radius)
-    usable[[0, -1]] = False
+    usable = _usable(line, fit)
     if usable.mean() < LEAST_SHARE:
-        return grid, np.full(len(grid), LARGEST_ERROR_PX), 0.0
+        return grid, fit, 0.0
     weights = np.where(usable, 1 / np.maximum(fit.error, 0.01) ** 2, 0.0)
     weights = np.minimum(weights, 4 * np.median(weights[usable]))
     farthest = 0.5 * line.radius
     offset = np.where(usable, np.clip(fit.offset, -farthest, farthest), 0.0)
     moved = beside(grid, offset, weights, half_wave, _trim(line.radius))
-    error = np.interp(np.arange(len(grid)), np.flatnonzero(usable), fit.error[usable])
     step = float(np.quantile(np.linalg.norm(moved - grid, axis=1), MOST))
-    return resampled(moved), error, step
+    return resampled(moved), fit, step
