@@ -216,9 +216,9 @@ def made_by(command: str) -> dict[str, str]:
     return {"command": command, "commit": book.commit(), "version": book.version()}
 
 
-def own_folder(name: str) -> Path:
-    """Where verdicts of this version lie, which none of another is taken for."""
-    return WORK / name / book.version()
+def own_folder(name: str, *more: str) -> Path:
+    """Where verdicts of this version, and of what else makes them, lie: none of another is taken for them."""
+    return WORK / name / book.version(*more)
 
 
 def seed_of(folder: Path) -> int:

@@ -41,6 +41,8 @@ from stages.proof import (
 
 # What a chain from these pictures is off [m]: its own recording.json says 0.12 mm and more.
 NOISE_M = 1e-4
+# What a verdict from pictures depends on beside what diagnoses.
+EYES = ("dlolib/captures", "dlolib/chain", "dlolib/lab", "dlolib/o3d.py")
 
 
 def main(*arguments: str) -> None:
@@ -51,7 +53,7 @@ def main(*arguments: str) -> None:
     options.add_argument("--command", default=COMMAND, help="what diagnoses, as in stages.proof")
     asked = options.parse_args(arguments)
     # what is drawn depends on the count
-    folder = own_folder("images") / str(asked.count)
+    folder = own_folder("images", *EYES) / str(asked.count)
     seed = seed_of(folder)
     drawn = list(enumerate(draw_names(seed, asked.count)))
     together(

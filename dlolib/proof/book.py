@@ -98,13 +98,14 @@ def commit() -> str:
     return _git("rev-parse", "HEAD")
 
 
-def version() -> str:
-    """What diagnoses: a hash over git's hashes of `PARTS`, with `+changes` where the working tree differs.
+def version(*more: str) -> str:
+    """What diagnoses, and more: a hash over git's hashes of `PARTS` and of these, with `+changes` where the
+    working tree differs.
 
     Commits that change nothing of it leave it alone, so that shards before and after them count together.
     """
-    parts = _git("ls-tree", "-r", "HEAD", "--", *PARTS)
-    changed = "+changes" if _git("status", "--porcelain", "--", *PARTS) else ""
+    parts = _git("ls-tree", "-r", "HEAD", "--", *PARTS, *more)
+    changed = "+changes" if _git("status", "--porcelain", "--", *PARTS, *more) else ""
     return hashlib.sha1(parts.encode(), usedforsecurity=False).hexdigest() + changed
 
 

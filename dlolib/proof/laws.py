@@ -10,6 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
+from dlolib.errors import SimulationError
 from dlolib.types import Floats
 
 TINY = 1e-12
@@ -160,7 +161,12 @@ def rubbing(uniform: float, saturation_1_m: float, transition_1_m: float, joints
         uniform: EI [N m²]; the moment saturates at EI times `saturation_1_m`.
         saturation_1_m, transition_1_m: as in formats.md [1/m].
         joints: how many.
+
+    Raises:
+        SimulationError: no curvature to rub in over, which a search for the best other rope may come to.
     """
+    if not transition_1_m > 0:
+        raise SimulationError("internal friction rubs in over a curvature above zero")
     corner = np.concatenate([[0.0], RELEASES])
     held = 1 - np.exp(-corner)
     slopes = np.append(np.diff(held) / np.diff(corner), 0.0) / held[-1]

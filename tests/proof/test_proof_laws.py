@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from dlolib.errors import SimulationError
 from dlolib.proof.forms import FORMS, Way, driven, nearest_parameters
 from dlolib.proof.laws import RELEASES, TIMES, Elastic, Law, creeping, rubbing, yielding
 from dlolib.types import Floats
@@ -73,6 +74,13 @@ def test_yield_is_a_norm_over_both_axes() -> None:
     for angle in (0.0, 0.7, 2.0):
         curvature = 30 * np.array([[np.cos(angle), np.sin(angle)]])
         assert np.linalg.norm(law.moments(curvature, 0.0)[0]) == pytest.approx(8 * EI)
+
+
+@pytest.mark.parametrize("transition_1_m", [0.0, -1.0])
+def test_friction_that_rubs_in_over_nothing_is_no_law(transition_1_m: float) -> None:
+    """A search for the best other rope halves it twice and is there; it must look elsewhere."""
+    with pytest.raises(SimulationError, match="above zero"):
+        rubbing(EI, 1.5, transition_1_m, 1)
 
 
 def test_first_loading_of_rubbing_is_near_dahls() -> None:
