@@ -54,7 +54,7 @@ HOW = {
 @dataclass(frozen=True)
 class Row:
     """The scores of a case's frames, the time of each [s] where it was measured, alone and in a long capture,
-    and what correlation from point to point and from frame to frame the chains foretell together."""
+    and what correlation from point to point and from frame to frame the chain foretells."""
 
     case: Case
     scores: list[Score]
@@ -83,7 +83,7 @@ def main(*names: str) -> None:
 
 def measure(case: Case, settings: ChainSettings) -> Row:
     """Render a case and hold the chain of each of its frames against the truth."""
-    shots, chains, scores, refused = list(takes(case)), [], [], []
+    shots, scores, refused = list(takes(case)), [], []
     previous: FrameChain | None = None
     for shot in shots:
         try:
@@ -92,7 +92,6 @@ def measure(case: Case, settings: ChainSettings) -> Row:
         except ChainError as error:
             refused.append(str(error))
             continue
-        chains.append(previous)
         scores.append(score(previous, shot.s_m, shot.axis_m, shot.visible, settings.points))
     hidden = [1 - float(shot.visible.mean()) for shot in shots]
     timed = {}
@@ -101,18 +100,9 @@ def measure(case: Case, settings: ChainSettings) -> Row:
     if case.name in TIMED_TOGETHER and not refused:
         timed["frames_together"] = seconds_a_frame_together(shots, settings)
     spacing = shots[0].index.rope.length_m / (settings.points - 1)
-    foretold = foretold_by(chains, settings.smooth_m, spacing) if chains else (np.nan, np.nan)
+    noise = noise_of(np.eye(3)[None], settings.smooth_m, spacing)
+    foretold = (float(np.exp(-1 / noise.correlation_points)), float(np.exp(-1 / noise.correlation_frames)))
     return Row(case, scores, refused, (min(hidden), max(hidden)), timed, foretold)
-
-
-def foretold_by(chains: Sequence[FrameChain], smooth_m: float, spacing_m: float) -> tuple[float, float]:
-    """What the recording of these chains would say of neighbours' errors: their correlation from point to
-    point, and from frame to frame."""
-    covariance, lasting = (
-        np.concatenate([getattr(chain, name) for chain in chains]) for name in ("covariance_m2", "lasting")
-    )
-    noise = noise_of(covariance, lasting, smooth_m, spacing_m)
-    return float(np.exp(-1 / noise.correlation_points)), float(np.exp(-1 / noise.correlation_frames))
 
 
 def seconds_a_frame(shots: Sequence[Take], settings: ChainSettings) -> float:

@@ -21,8 +21,6 @@ HIDDEN_DOUBT, SEEN_DOUBT = 0.1, 0.003
 # What a rope that is seen and has its length comes out too long by: a share of it, and what its line's errors
 # make, which go to and fro over this share of the shortest wave that is left along it.
 LONG_SHARE, TO_AND_FRO = 3e-4, 0.4
-# Which of the deviations of an axis come from noise.
-NOISY = [0, 2]
 LARGEST_MISFIT, LARGEST_BRIDGE_MISFIT = 0.03, 0.33
 # A free tip may be out of sight: more than so many deviations of what was seen is no error of measurement.
 SURE = 3.0
@@ -39,8 +37,8 @@ class Axis:
     measured_m is the length as measured from start to end, hidden stretches included; fitted tells
     whether s_m was brought to the rope's known length; else it is counted from the start, or from the end
     back from the known length there, and goes no further than that where no end is held. doubt_m (M,): the
-    deviation of these arc lengths. sigma_m (M, 4), the deviations of the depth and across the line of sight,
-    of each by noise and by what lasts, where they were asked for, NaN where hidden.
+    deviation of these arc lengths. sigma_m (M, 2), the deviations of the depth and across the line of sight
+    where they were asked for, NaN where hidden.
     """
 
     s_m: Floats
@@ -99,7 +97,7 @@ def assemble(
     held = (start is not None) + (end is not None)
     fitted = abs(measured - length_m) <= _largest_misfit(step, unseen, held, length_m)
     long = (LONG_SHARE if fitted else SEEN_DOUBT) * step
-    long += _to_and_fro(step, sigma[:, NOISY], TO_AND_FRO * smooth_m)
+    long += _to_and_fro(step, sigma, TO_AND_FRO * smooth_m)
     off = np.where(unseen, HIDDEN_DOUBT * step, long)
     if fitted:
         step, off = _fitted(step, unseen, off, length_m)
@@ -144,9 +142,9 @@ def _pieces(strands: list[Strand], start: Anchor | None, end: Anchor | None, bri
                     last.points_m[-1], _heading(last, -1), strand.points_m[0], _heading(strand, 0), bridge_m
                 )
             )
-        sigma = np.full((len(strand.seen), 4), np.nan)
+        sigma = np.full((len(strand.seen), 2), np.nan)
         if strand.depth_sigma_m is not None and strand.across_sigma_m is not None:
-            sigma = np.column_stack([strand.depth_sigma_m, strand.across_sigma_m])
+            sigma = np.stack([strand.depth_sigma_m, strand.across_sigma_m], axis=-1)
         pieces.append(_Piece(strand.points_m, strand.pixel, strand.seen, False, sigma))
     if end is not None:
         last = strands[-1]
@@ -180,8 +178,8 @@ def _bridge(
     share = share[0 if keep == "first" else 1 : len(share) if keep == "last" else -1]
     points = np.asarray(curve(share), dtype=np.float64).reshape(-1, 3)
     seen = np.full(len(points), gap <= bridge_m)
-    pixel, sigma = np.full((len(points), 2), np.nan), np.full((len(points), 4), np.nan)
-    return _Piece(points, pixel, seen, gap > bridge_m, sigma)
+    unknown = np.full((len(points), 2), np.nan)
+    return _Piece(points, unknown, seen, gap > bridge_m, unknown)
 
 
 def _heading(strand: Strand, at: int) -> Floats:
@@ -255,7 +253,7 @@ def _largest_misfit(step: Floats, hidden: NDArray[np.bool_], held: int, length_m
 
 
 def _to_and_fro(step: Floats, sigma: Floats, wave_m: float) -> Floats:
-    """By how much [m] (M - 1,) errors of these deviations (M, K) make each step of a line longer, on average:
+    """By how much [m] (M - 1,) errors of these deviations (M, 2) make each step of a line longer, on average:
     half of its squared slope, which has a share of how the deviation itself changes."""
     size = np.nan_to_num(0.5 * (sigma[1:] + sigma[:-1]))
     grows = np.nan_to_num(np.diff(sigma, axis=0)) / np.maximum(step, 1e-9)[:, None]

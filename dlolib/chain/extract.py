@@ -212,8 +212,8 @@ def _spacing_errors(frame: FrameChain) -> Floats:
 
 def _recording(index: CaptureIndex, chains: list[FrameChain], settings: ChainSettings) -> Recording:
     counts = [len(chain.s_m) for chain in chains]
-    covariance = _of_all([chain.covariance_m2 for chain in chains])
-    lasting = _of_all([chain.lasting for chain in chains])
+    given = [chain.covariance_m2 for chain in chains if chain.covariance_m2 is not None]
+    covariance = np.concatenate(given) if len(given) == len(chains) > 0 else None
     spacing = index.rope.length_m / (settings.points - 1)
     points = Points(
         np.repeat(np.array([chain.frame for chain in chains], dtype=np.int64), counts),
@@ -237,16 +237,8 @@ def _recording(index: CaptureIndex, chains: list[FrameChain], settings: ChainSet
         static_frames=_left_of(index.static_frames, chains),
         heldout_frames=_left_of(index.heldout_frames, chains),
         rate_hz=index.rate_hz,
-        noise=None
-        if covariance is None or lasting is None
-        else noise_of(covariance, lasting, settings.smooth_m, spacing),
+        noise=None if covariance is None else noise_of(covariance, settings.smooth_m, spacing),
     )
-
-
-def _of_all(frames: list[Floats | None]) -> Floats | None:
-    """What each frame tells of its points, one after the other; None where one of them tells nothing."""
-    given = [one for one in frames if one is not None]
-    return np.concatenate(given) if len(given) == len(frames) > 0 else None
 
 
 def _left_of(span: tuple[int, int] | None, chains: list[FrameChain]) -> tuple[int, int] | None:

@@ -34,14 +34,13 @@ class FrameChain:
     line_seen (M,), the dense line they were sampled from. measured_m: length from end to end as
     measured, hidden stretches bridged; fitted: whether it agreed with the rope's length, so that s_m was
     brought to it; seen_share of the rope's length; depth_scatter_m, of single readings about the axis.
-    covariance_m2 (K, 3, 3) of the points, but of a cloud's, and lasting (K,), which share of it is the same
-    in frame after frame. counts: False where both ends are held and the length between them is not the
-    rope's, or it is longer: something else was taken for it, or a part of it left out. astray_m: how far from
-    the rope the start and the end were logged, 0 where it agrees or cannot be told. turned_rad: by how much
-    the rope leaves them in another direction than is logged, NaN where that is not seen. width_m: how wide
-    the rope looks, and how many pixels that is. skin_m: about how far before the axis the points lie, 0 where
-    the rope's radius is known. tips_m (2, 3): where what is seen of the rope begins and ends, wherever the
-    held ends were logged.
+    covariance_m2 (K, 3, 3) of the points, but of a cloud's. counts: False where both ends are held and the
+    length between them is not the rope's, or it is longer: something else was taken for it, or a part of it
+    left out. astray_m: how far from the rope the start and the end were logged, 0 where it agrees or cannot
+    be told. turned_rad: by how much the rope leaves them in another direction than is logged, NaN where that
+    is not seen. width_m: how wide the rope looks, and how many pixels that is. skin_m: about how far before
+    the axis the points lie, 0 where the rope's radius is known. tips_m (2, 3): where what is seen of the rope
+    begins and ends, wherever the held ends were logged.
     """
 
     frame: int
@@ -57,7 +56,6 @@ class FrameChain:
     seen_share: float
     depth_scatter_m: float
     covariance_m2: Floats | None = None
-    lasting: Floats | None = None
     counts: bool = True
     astray_m: tuple[float, float] = (0.0, 0.0)
     skin_m: float = 0.0
@@ -103,9 +101,6 @@ def chain_frame(
         raise _no_rope(frame, "what is long and narrow in it is too short for a chain's spacing")
     scatter = float(np.median([strand.sigma_m for strand in strands]))
     skin_m = 0.0 if index.rope.radius_m else 0.5 * width * view.pitch
-    covariance, lasting = (
-        (None, None) if axis.sigma_m is None else covariances(axis, s_m, points, index.rope, skin_m)
-    )
     return FrameChain(
         frame.frame,
         frame.t_s,
@@ -119,8 +114,7 @@ def chain_frame(
         axis.fitted,
         share,
         scatter,
-        None if covariance is None else _turned(covariance, index),
-        lasting,
+        None if axis.sigma_m is None else _turned(covariances(axis, s_m, points, index.rope, skin_m), index),
         axis.counts(held, index.rope.length_m),
         astray(strands, start, end, view, skin_m),
         skin_m,

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from dlolib.captures.base import Mask
 from dlolib.chain.centre import Sections, beside, resampled
-from dlolib.chain.section import MARGIN_PX
+from dlolib.chain.shading import MARGIN_PX
 from dlolib.chain.view import View
 from dlolib.types import Floats
 

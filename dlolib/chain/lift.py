@@ -23,9 +23,6 @@ INTERIOR_SHARE = 0.8
 # An outline tells a section's middle better than a few depth readings its distance, light better still:
 # less smoothing.
 BY_OUTLINE, BY_LIGHT = 0.5, 0.35
-# Where a rope is but a few pixels wide, hardly one sees nothing else: its depth is off by so many pixels'
-# width over the cube of its radius in pixels, in all frames alike.
-COARSE = 0.25
 
 
 @dataclass(frozen=True)
@@ -34,9 +31,8 @@ class Strand:
 
     pixel (N, 2); points_m (N, 3), on the axis where the radius is known, else on the skin; seen (N,),
     False where no depth was read nearby; sigma_m, the scatter of single depth readings about it;
-    depth_sigma_m and across_sigma_m (N, 2), the deviations of its depth, and of its place across the line of
-    sight by the light: by noise, and by what is the same in frame after frame. Both are known of what an
-    image shows, not of a cloud.
+    depth_sigma_m (N,), what smoothing leaves of that scatter; across_sigma_m (N,), the standard error of its
+    place across the line of sight, by the light. Both are known of what an image shows, not of a cloud.
     """
 
     pixel: Floats
@@ -101,7 +97,7 @@ def lift(
         return []
     width = _full_width(width, view, radius_m)
     by_light = max(BY_LIGHT * settings.smooth_m / view.pitch, width)
-    errors = [np.full((len(grid), 2), LARGEST_ERROR_PX) for grid in grids]
+    errors = [np.full(len(grid), LARGEST_ERROR_PX) for grid in grids]
     sections = Sections.of(grids, view.pixels, width)
     depths = _depths(grids, sections.take(view.read), width, view)
     radii = _radii(grids, depths, width, view, radius_m)
@@ -136,7 +132,7 @@ def lift(
             PASSES if fine else ROUGH_PASSES,
         )
         if strand is not None:
-            across = errors[number] * strand.points_m[:, 2:] / view.focal
+            across = errors[number] * strand.points_m[:, 2] / view.focal
             seen = strand.seen & (full[number] | beside[number])
             strands.append(replace(strand, seen=seen, across_sigma_m=across))
     return strands
@@ -178,32 +174,20 @@ def _stretched(radii_px: list[Floats], grids: list[Floats]) -> list[Floats]:
 
 
 def half_widths(grid: Floats, depth_m: Floats, view: View, radius_m: float) -> Floats:
-    """Half the width [px] (N,) of a round rope's outline across its axis' image (N, 2) at depths (N,).
+    """Half the width [px] (N,) of a round rope's outline across a line (N, 2) at depths (N,).
 
-    Off the image's middle that is more than its radius over its depth.
+    Its edges are where rays touch it. Off the image's middle that is more than its radius over its depth.
     """
-    along = tangents(grid)
-    across = np.stack([-along[:, 1], along[:, 0]], axis=-1)
-    first, second = _edges(grid, depth_m, view, radius_m)
-    return np.asarray(0.5 * np.abs(np.einsum("ij,ij->i", second - first, across)))
-
-
-def beyond_axis(grid: Floats, depth_m: Floats, view: View, radius_m: float) -> Floats:
-    """By how much [px] (N, 2) the middle of a round rope's outline lies beside the image (N, 2) of its axis
-    at depths (N,): away from the middle of the image its outer edge is further off."""
-    return np.asarray(0.5 * sum(_edges(grid, depth_m, view, radius_m)) - grid)
-
-
-def _edges(grid: Floats, depth_m: Floats, view: View, radius_m: float) -> tuple[Floats, Floats]:
-    """Where [px] (N, 2) rays touch a round rope on both sides."""
     axis = view.space(grid, depth_m)
     distance = np.linalg.norm(axis, axis=1)
     ray = axis / distance[:, None]
     aside = np.cross(ray, tangents(axis))
     sine = np.maximum(np.linalg.norm(aside, axis=1), 0.5)
     reach = np.minimum(radius_m / (distance * sine), 0.5)
-    off = (reach / np.sqrt(1 - reach**2))[:, None] * aside
-    return view.pixel(ray - off), view.pixel(ray + off)
+    edge = view.pixel(ray + (reach / np.sqrt(1 - reach**2))[:, None] * aside)
+    along = tangents(grid)
+    across = np.stack([-along[:, 1], along[:, 0]], axis=-1)
+    return np.asarray(np.abs(np.einsum("ij,ij->i", edge - view.pixel(ray), across)))
 
 
 def _read_depth(
@@ -257,12 +241,10 @@ def _read_depth(
     count[unclear] = 0
     read = np.bincount(sample[near & inner], minlength=len(grid)) * ~unclear
     left = sigma * noise_gain(read.astype(np.float64), settings.smooth_m / pitch)
-    coarse = COARSE * pitch / np.maximum(radius_px, 1.0) ** 3
     seen = bridged(count > 0, beside, reach)
     # what hides a side leaves no reading: across a wave the depth to both sides tells it
     seen |= between(seen, max(round(settings.smooth_m / pitch), 1)) & cut & ~beside
-    axis_px = grid - beyond_axis(grid, curve, view, radius_m)
-    return Strand(axis_px, view.space(axis_px, curve), seen, sigma, np.stack([left, coarse], axis=-1))
+    return Strand(grid, view.space(grid, curve), seen, sigma, left)
 
 
 def _medians(sample: NDArray[np.intp], depth: Floats, count: int, half_wave: float) -> Floats:
