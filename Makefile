@@ -120,8 +120,8 @@ proof-images: .venv/installed ## COUNT=40 recordings as of the proof, but from r
 	@python -m stages.proof_images --count "$(COUNT)"
 
 .PHONY: proof-next
-proof-next: .venv/installed ## the motions that ties of the scored shards ask for, played and diagnosed with the first recording
-	@python -m stages.proof_next
+proof-next: .venv/installed ## the motions that ties of the scored shards ask for, played and diagnosed with the first recording [ONLY="shard ..."]
+	@python -m stages.proof_next --only $(ONLY)
 
 .PHONY: practice
 practice: .venv/installed ## diagnose recordings in DATA=DIR whose truth.json lies beside them, and score them

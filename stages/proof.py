@@ -19,7 +19,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from datetime import UTC, datetime
 from pathlib import Path
@@ -256,9 +256,7 @@ def without(command: str, only: Sequence[str] = ()) -> dict[str, Any]:
     What was counted of other shards of this version before stays.
     """
     again = last_shards(only)
-    before = _read(BOOK / "without.json") or {"version": None, "recordings": []}
-    kept = before["recordings"] if before["version"] in book.alike(BOOK, book.version()) else []
-    rows = [row for row in kept if row["shard"] not in again]
+    rows = of_others("without.json", again)
     for shard, (_, scored) in again.items():
         found = {name: row for name, row in scored.items() if row["outcome"] in ("right", "tied")}
         alone = {name: row["true"][0] for name, row in found.items() if len(row["detectable"]) == 1}
@@ -273,6 +271,13 @@ def without(command: str, only: Sequence[str] = ()) -> dict[str, Any]:
             row = {"shard": shard, "name": name, "effect": effect}
             rows.append(row | {"owned_up": owns_up(verdict_in(apart / name), effect)})
     return {"owned_up": share(sum(row["owned_up"] for row in rows), len(rows)), "recordings": rows}
+
+
+def of_others(result: str, again: Collection[str]) -> list[dict[str, Any]]:
+    """The rows that a result of this version has of shards that are not looked at again."""
+    before = _read(BOOK / result) or {"version": None, "recordings": []}
+    kept = before["recordings"] if before["version"] in book.alike(BOOK, book.version()) else []
+    return [row for row in kept if row["shard"] not in again]
 
 
 def calibrate(seed: int) -> None:

@@ -2,7 +2,7 @@
 
 The laboratory goes on from where the recording ended, the motion that its verdict asks for is played, and
 both recordings are diagnosed together. Goal: 80 % end in the true set alone. Ties that ask for no motion, or
-for one that the laboratory cannot play, are counted apart.
+for one that the laboratory cannot play, are counted apart. What was counted of other shards before stays.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ from stages.proof import (
     diagnose,
     last_shards,
     made_by,
+    of_others,
     own_folder,
     verdict_in,
 )
@@ -47,16 +48,18 @@ PARTS = ("start_m", "start_q", "end_m", "end_q")
 def main(*arguments: str) -> None:
     options = argparse.ArgumentParser(prog="python -m stages.proof_next", description=__doc__)
     options.add_argument("--command", default=COMMAND, help="what diagnoses, as in stages.proof")
-    command = options.parse_args(arguments).command
+    options.add_argument("--only", nargs="*", default=[], metavar="SHARD", help="all where none is named")
+    asked = options.parse_args(arguments)
+    shards = last_shards(asked.only)
     tied = [
         (seed, shard, name)
-        for shard, (seed, rows) in last_shards().items()
+        for shard, (seed, rows) in shards.items()
         for name, row in rows.items()
         if row["outcome"] == "tied"
     ]
     with ThreadPoolExecutor(WORKERS) as pool:
-        jobs = [pool.submit(told_apart, *one, command) for one in tied]
-        found = [job.result() for job in jobs]
+        jobs = [pool.submit(told_apart, *one, asked.command) for one in tied]
+        found = of_others("next.json", shards) + [job.result() for job in jobs]
     played = [row for row in found if row["outcome"] is not None]
     right = share(sum(row["outcome"] == "right" for row in played), len(played))
     made = made_by("make proof-next") | {"goal": 0.8, "ties": len(found)}

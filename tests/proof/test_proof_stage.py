@@ -5,14 +5,16 @@ import json
 import shlex
 import subprocess
 import sys
+from collections.abc import Callable
 from datetime import datetime, tzinfo
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from dlolib.errors import ParameterError
 from dlolib.proof import book
-from stages import proof
+from stages import proof, proof_next
 from tests.pipeline.imports import import_graph, parts_of
 
 SAYS = """
@@ -138,15 +140,24 @@ def test_the_version_is_of_all_that_diagnoses() -> None:
     assert made_of - {"dlolib/params.py"} | shown == set(book.PARTS)
 
 
-def test_what_was_counted_without_of_other_shards_of_this_version_stays(command: str) -> None:
+@pytest.mark.parametrize(
+    ("result", "told", "count"),
+    [
+        ("without.json", "owned_up", partial(proof.main, "--without")),
+        ("next.json", "told_apart", partial(proof_next.main, "--only")),
+    ],
+)
+def test_what_was_counted_of_other_shards_of_this_version_stays(
+    result: str, told: str, count: Callable[..., None], command: str
+) -> None:
     proof.main("--size", "1", "--command", command)
     (shard,) = (row["shard"] for row in rows())
-    counted = {"shard": "shard_0", "name": "000", "effect": "end_angle", "owned_up": True}
-    path = Path("reports/proof/without.json")
+    counted = {"shard": "shard_0", "name": "000", "outcome": "right", "owned_up": True}
+    path = Path("reports/proof") / result
     for version, left in ((book.version(), [counted]), ("another", [])):
         path.write_text(json.dumps({"version": version, "recordings": [counted]}))
-        proof.main("--without", shard, "--command", command)
+        count(shard, "--command", command)
         found = json.loads(path.read_text())
-        assert found["recordings"] == left and found["owned_up"]["of"] == len(left)
+        assert found["recordings"] == left and found[told]["of"] == len(left)
     with pytest.raises(ParameterError, match=r"there is no shard shard_0"):
-        proof.main("--without", "shard_0", "--command", command)
+        count("shard_0", "--command", command)
