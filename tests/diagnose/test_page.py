@@ -1,0 +1,27 @@
+"""docs/diagnosis.md says how a verdict is reached: with the thresholds that the code has."""
+
+import re
+from importlib import import_module
+from pathlib import Path
+
+from dlolib.diagnose import DiagnoseSettings
+from dlolib.sim.effects import EFFECTS
+
+PAGE = " ".join(Path("docs/diagnosis.md").read_text(encoding="utf-8").split())
+
+
+def test_every_constant_is_that_of_the_code() -> None:
+    told = re.findall(r"`(\w+)\.([A-Z_]+) = ([\d.e-]+)`", PAGE)
+    assert len(told) > 10
+    for module, name, value in told:
+        assert getattr(import_module(f"dlolib.diagnose.{module}"), name) == float(value), f"{module}.{name}"
+
+
+def test_every_setting_is_one_and_has_the_value_told() -> None:
+    settings = DiagnoseSettings()
+    names = {name for name in re.findall(r"\*(\w+)\*", PAGE) if "_" in name or hasattr(settings, name)}
+    assert {"chance", "tie", "most_effects", "partners", "starts", "heldout_share"} <= names
+    assert all(hasattr(settings, name) for name in names)
+    assert (settings.chance, settings.tie) == (5e-5, 6.0)
+    assert "*chance* (5e-5" in PAGE and "*tie* (6)" in PAGE
+    assert f"the [{len(EFFECTS)} effects]" in PAGE
