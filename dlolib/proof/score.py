@@ -18,6 +18,8 @@ MOST_IN_TIE, PLACE_M = 3, 0.015
 # What a row says of intervals; versions may differ in these alone.
 INTERVALS = ("covered", "covered_forms")
 PLACED = ("stiffness_profile", "mass_profile")
+# How far off EI is at least without the named effect, to see by how much that effect mends it.
+BIASED = (0.01, 0.02, 0.05, 0.1)
 # Parameters that mean the same in the laboratory's laws as in formats.md.
 FORM_FREE = frozenset(
     {
@@ -285,16 +287,26 @@ def _places(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def _bias(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Median size of EI's relative error with the named effect and without, and of their ratio."""
+    """Median size of EI's relative error with the named effect and without, and of their ratio; that also
+    where the error without is more than some: where it is less, there is no bias to take away but noise."""
     both = [row["stiffness_error"] for row in rows if "stiffness_error" in row]
     known = [one for one in both if one["baseline"] and one["augmented"] is not None]
     if not known:
-        return {"recordings": 0, "without": None, "with": None, "ratio": None}
+        return {"recordings": 0, "without": None, "with": None, "ratio": None, "where": []}
     without = np.abs([one["baseline"] for one in known])
     named_too = np.abs([one["augmented"] for one in known])
+    where = [(more, without > more) for more in BIASED if (without > more).any()]
     return {
         "recordings": len(known),
         "without": float(np.median(without)),
         "with": float(np.median(named_too)),
         "ratio": float(np.median(named_too / without)),
+        "where": [
+            {
+                "without_more_than": more,
+                "recordings": int(some.sum()),
+                "ratio": float(np.median((named_too / without)[some])),
+            }
+            for more, some in where
+        ],
     }

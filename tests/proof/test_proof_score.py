@@ -108,6 +108,21 @@ def test_the_summary_counts() -> None:
     assert {"true": CLOCK, "said": "no_mismatch", "count": 1} in figures["confusion"]
 
 
+def test_what_is_left_of_a_bias_is_told_by_its_size() -> None:
+    row = score(verdict("explained", LUMP), answer(LUMP))
+    errors = [(-0.005, 0.005), (0.03, 0.006), (-0.07, 0.007), (0.2, -0.01)]
+    rows = [{**row, "stiffness_error": {"baseline": b, "augmented": a}} for b, a in errors]
+    told = summarise(rows)["stiffness_bias"]
+    assert told["ratio"] == pytest.approx(0.15)
+    found = [(one["without_more_than"], one["recordings"], one["ratio"]) for one in told["where"]]
+    assert found == [
+        (0.01, 3, pytest.approx(0.1)),
+        (0.02, 3, pytest.approx(0.1)),
+        (0.05, 2, pytest.approx(0.075)),
+        (0.1, 1, pytest.approx(0.05)),
+    ]
+
+
 def test_what_stays_unexplained_is_not_told_as_named() -> None:
     (row,) = summarise([score(verdict("unexplained", SPOT), answer(LUMP))])["confusion"]
     assert row == {"true": LUMP, "said": f"unexplained, and {SPOT}", "count": 1}
