@@ -21,7 +21,7 @@ from dlolib.types import CaptureIndex
 # Processes take seconds to start: fewer frames are done by this one in that time.
 MANY = 100
 # Frames at a time, one of which is looked at twice; and how many such stretches wait, for each process.
-STRETCH, AHEAD = 12, 2
+STRETCH, AHEAD = 24, 1
 # Each process has a core: threads of its own would take another's.
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 

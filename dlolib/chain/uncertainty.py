@@ -3,6 +3,11 @@
 The figures stand for what a camera of this kind does to a rope: they were set on renderings of the virtual
 laboratory (`make chain-bench` holds them against its truth). A smooth bias of the camera, the same in every
 frame, is none of it: that is the measurement effect `camera_pose`, or a warped room.
+
+In clear view they are wider than the truth asks for. Besides its noise a chain has an error across the rope,
+of some hundredths of a millimetre, that stays as long as the rope lies as it does. Whoever fits a rod allows
+for one as large as these covariances; narrower ones, right for single points, made 13 alarms of 20 recordings
+with nothing missing (at 37dea96).
 """
 
 from __future__ import annotations
