@@ -22,6 +22,8 @@ def test_every_setting_is_one_and_has_the_value_told() -> None:
     names = {name for name in re.findall(r"\*(\w+)\*", PAGE) if "_" in name or hasattr(settings, name)}
     assert {"chance", "tie", "most_effects", "partners", "starts", "heldout_share"} <= names
     assert all(hasattr(settings, name) for name in names)
-    assert (settings.chance, settings.tie) == (5e-5, 6.0)
-    assert "*chance* (5e-5" in PAGE and "*tie* (6)" in PAGE
+    valued = dict(re.findall(r"\*(\w+)\* \(([\d.e-]+)[),]", PAGE))
+    assert set(valued) == {"most_effects", "most_frames", "starts", "partners", "chance", "tie"}
+    assert all(getattr(settings, name) == float(value) for name, value in valued.items())
+    assert (settings.particles, settings.longest_segment_m, settings.heldout_share) == (30, 0.016, 0.25)
     assert f"the [{len(EFFECTS)} effects]" in PAGE
