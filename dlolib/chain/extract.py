@@ -181,14 +181,15 @@ def _has_another_width(chains: Sequence[FrameChain], index: CaptureIndex) -> Ite
 
 
 def _lengths(chains: Sequence[FrameChain]) -> str:
-    measured = [chain.measured_m for chain in chains]
-    return f"{min(measured):.3g} to {max(measured):.3g} m were measured"
+    told = [f"{pick(chain.measured_m for chain in chains):.3g}" for pick in (min, max)]
+    return f"{' to '.join(dict.fromkeys(told))} m were measured"
 
 
 def _named(chains: Sequence[FrameChain]) -> str:
     frames = ", ".join(str(chain.frame) for chain in chains[:MOST_NAMED])
     more = len(chains) - MOST_NAMED
-    return f"{_lengths(chains)} in frames {frames}" + (f" and {more} more" if more > 0 else "")
+    many = f"s {frames}" if len(chains) > 1 else f" {frames}"
+    return f"{_lengths(chains)} in frame{many}" + (f" and {more} more" if more > 0 else "")
 
 
 def _later(index: CaptureIndex, late_s: float) -> CaptureIndex:

@@ -257,8 +257,8 @@ def test_more_than_the_rope_does_not_count(
     assert [chain.counts for chain in result.frames] == [True, True, False]
     assert set(result.recording.points.frame) == {0, 1}
     assert result.recording.points.s_m.max() <= index.rope.length_m
-    assert "m were measured in frames 1; check object.length_m" in caplog.text
-    assert "m were measured in frames 2, so something else is taken for a part of it; left out" in caplog.text
+    assert "m were measured in frame 1; check object.length_m" in caplog.text
+    assert "m were measured in frame 2, so something else is taken for a part of it; left out" in caplog.text
     assert "only" not in caplog.text
     with pytest.raises(ChainError, match="in every frame 0.445 to") as told:
         extract_chain(ImageFolder(of_length(index, 0.8)))
@@ -304,7 +304,7 @@ def test_a_frame_in_which_the_rope_has_not_its_length_is_said_and_left_out(
     source = open_capture(tmp_path / "held")
     index = replace(source.index, static_frames=(1, 1), heldout_frames=(1, 2))
     result = extract_chain(ImageFolder(index))
-    says = "tube: the rope is 0.445 m long, and 0.356 to 0.356 m were measured in frames 1, so its held ends"
+    says = "tube: the rope is 0.445 m long, and 0.356 m were measured in frame 1, so its held ends"
     assert says in caplog.text
     write_recording(result.recording, tmp_path / "out")
     read = read_recording(tmp_path / "out")
@@ -316,7 +316,7 @@ def test_a_frame_in_which_the_rope_has_not_its_length_is_said_and_left_out(
 def test_a_rope_that_never_has_its_length_is_refused(tmp_path: Path) -> None:
     write_capture(tmp_path / "held", [wave(0.6)], Scene(noisy=False))
     index = of_length(open_capture(tmp_path / "held").index, 1.2)
-    with pytest.raises(ChainError, match="tube: the rope is 0.534 m .* in every frame 0.445 to") as told:
+    with pytest.raises(ChainError, match="tube: the rope is 0.534 m .* in every frame 0.445 m were") as told:
         extract_chain(ImageFolder(index))
     assert told.value.place == "object.length_m"
 
