@@ -130,6 +130,7 @@ def summarise(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     confusion = Counter((" + ".join(row["true"]) or "nothing", _said(row)) for row in rows)
     return {
         "recordings": len(rows),
+        "drawn": _drawn(rows),
         "detectable": len(found),
         "outcomes": dict(sorted(outcomes.items())),
         "right_or_tied": share(outcomes["right"] + outcomes["tied"], len(found)),
@@ -156,6 +157,13 @@ def summarise(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             {"true": true, "said": said, "count": count} for (true, said), count in sorted(confusion.items())
         ],
     }
+
+
+def _drawn(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """How often each effect was drawn alone; how many pairs, and of how many combinations."""
+    pairs = [tuple(sorted(row["true"])) for row in rows if len(row["true"]) > 1]
+    alone = Counter(row["true"][0] for row in rows if len(row["true"]) == 1)
+    return {"alone": dict(sorted(alone.items())), "pairs": len(pairs), "combinations": len(set(pairs))}
 
 
 def _share_of(rows: Sequence[Mapping[str, Any]], key: str) -> dict[str, Any]:

@@ -89,6 +89,7 @@ def test_the_summary_counts() -> None:
     ]
     figures = summarise(rows)
     assert figures["detectable"] == 5
+    assert figures["drawn"] == {"alone": {CLOCK: 1, LUMP: 3, SPOT: 1}, "pairs": 1, "combinations": 1}
     assert figures["right_or_tied"]["share"] == pytest.approx(3 / 5)
     assert figures["confidently_wrong"]["count"] == 2
     assert figures["missed"]["count"] == 1

@@ -85,6 +85,13 @@ def _words(proof: Mapping[str, Any]) -> Paragraph:
         f"`reports/proof`. {proof['detectable']} of them hold an effect that a noise-free fit could see (a "
         "gain of 40 in χ²)."
     )
+    drawn = proof["drawn"]
+    if drawn["alone"]:
+        least, most = min(drawn["alone"].values()), max(drawn["alone"].values())
+        text += (
+            f" {len(drawn['alone'])} effects were drawn alone, {least} to {most} times each (asked for 6), "
+            f"and {drawn['pairs']} pairs of {drawn['combinations']} combinations (60 of 30)."
+        )
     whole = len(proof["shards_of_intervals"])
     if whole < len(proof["shards"]):
         text += (
