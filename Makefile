@@ -98,7 +98,7 @@ proof-without: .venv/installed ## what was found alone once more, its effect tak
 	@python -m stages.proof --without $(ONLY)
 
 .PHONY: proof-same
-proof-same: .venv/installed ## whether this version of what diagnoses gives the verdicts of SHARD="shard_...", byte for byte or but for intervals
+proof-same: .venv/installed ## whether this version of what diagnoses is judged as that of SHARD="shard_...", in all or but for intervals
 	@python -m stages.proof_same $(SHARD)
 
 .PHONY: proof-calibration

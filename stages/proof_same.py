@@ -1,9 +1,9 @@
 """Is this version of what diagnoses another one? `make proof-same SHARD=shard_...`
 
-Changes of what is refused, or of what is said on the way, make a new version of files and leave every verdict
-as it was. A scored shard is diagnosed once more: where all its verdicts are the same byte for byte, the two
-versions are one and their shards count together; where only intervals differ, and all is judged the same but
-for these, they count together but for these; else they are two. All of it stays in the book.
+Changes of what is refused, or of what is said beside the verdict, make a new version of files and leave what
+is judged as it was. A scored shard is diagnosed once more: where all is judged the same, the two versions are
+one and their shards count together; where it is but for intervals, they count together but for these; else
+they are two. All of it stays in the book.
 """
 
 from __future__ import annotations
@@ -53,24 +53,27 @@ def main(*arguments: str) -> None:
     tasks = [((RECORDINGS / asked.shard / name,), apart / name, asked.command) for name in known]
     together(ThreadPoolExecutor(WORKERS), diagnose, tasks, f"diagnosing {asked.shard} once more")
     differ = [name for name, sha256 in known.items() if verdict_sha256(apart / name) != sha256]
-    otherwise = [name for name in differ if _judged(asked.shard, name, apart) != _but_intervals(scored[name])]
+    judged = {name: _judged(asked.shard, name, apart) for name in differ}
+    whole = [name for name, row in judged.items() if row != _but(scored[name])]
+    otherwise = [name for name in whole if _but(judged[name], *INTERVALS) != _but(scored[name], *INTERVALS)]
     before = next(row["version"] for row in book.runs(BOOK) if row["shard"] == asked.shard)
     found = made | {"as": before, "shard": asked.shard, "recordings": len(known)}
-    found |= {"differ": differ, "judged_otherwise": otherwise}
+    found |= {"differ": differ, "intervals_otherwise": whole, "judged_otherwise": otherwise}
     write_json(BOOK / book.SAME, {"compared": [*book.compared(BOOK), found]})
     write_json(BOOK / "summary.json", totals())
-    but = f"{len(otherwise)} but for their intervals"
-    print(f"{asked.shard}: {len(differ)} of {len(known)} verdicts differ, {but}")
+    judged_so = f"{len(whole)} are judged otherwise, {len(otherwise)} but for their intervals"
+    print(f"{asked.shard}: {len(differ)} of {len(known)} verdicts differ, {judged_so}")
 
 
 def _judged(shard: str, name: str, verdicts: Path) -> dict[str, Any]:
     """What a verdict is worth, as a shard's row says it."""
     row = score(verdict_in(verdicts / name), answer_in(shard, name))
-    return _but_intervals(json.loads(json.dumps(row)))
+    return _but(json.loads(json.dumps(row)))
 
 
-def _but_intervals(row: dict[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in row.items() if key not in (*INTERVALS, "verdict_sha256")}
+def _but(row: dict[str, Any], *more: str) -> dict[str, Any]:
+    """A row without its verdict's hash and some more of it."""
+    return {key: value for key, value in row.items() if key not in (*more, "verdict_sha256")}
 
 
 if __name__ == "__main__":

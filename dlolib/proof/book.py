@@ -75,16 +75,23 @@ def seal(answers: Path) -> str:
 
 
 def alike(book: Path, version: str, but_intervals: bool = False) -> set[str]:
-    """This version and all whose verdicts were found to be the same, byte for byte (`stages.proof_same`), in
-    every shard that was compared; or to be judged the same, their intervals left out."""
-    key = "judged_otherwise" if but_intervals else "differ"
+    """This version and all whose verdicts were found to be judged the same (`stages.proof_same`) in every
+    shard that was compared; or to be so with their intervals left out."""
     rows = compared(book)
-    apart = [{row["version"], row["as"]} for row in rows if row[key]]
+    apart = [{row["version"], row["as"]} for row in rows if _otherwise(row, but_intervals)]
     pairs = [pair for row in rows if (pair := {row["version"], row["as"]}) not in apart]
     found = {version}
     while more := {one for pair in pairs if pair & found for one in pair} - found:
         found |= more
     return found
+
+
+def _otherwise(row: dict[str, Any], but_intervals: bool) -> list[str]:
+    """The recordings that two versions judge otherwise. Once it was not asked which intervals differ: each
+    verdict that was not the same byte for byte counts as one of these."""
+    if but_intervals:
+        return list(row["judged_otherwise"])
+    return list(row.get("intervals_otherwise", row["differ"]))
 
 
 def compared(book: Path) -> list[dict[str, Any]]:

@@ -36,13 +36,17 @@ def test_a_version_with_the_same_verdicts_counts_with_the_one_before(
     assert proof.totals()["shards"] == [row["shard"]] == proof.totals()["shards_of_intervals"]
 
 
-def test_one_verdict_that_differs_makes_two_versions(command: str, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
+def test_a_verdict_that_says_something_else_beside_what_is_judged_is_the_same(
+    command: str,  # noqa: F811
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     row = scored_shard(command)
     changed(row, "001", verdict_sha256="0" * 64)
     monkeypatch.setattr(book, "version", lambda: "later")
     proof_same.main(row["shard"], "--command", command)
-    assert book.compared(proof.BOOK)[0]["differ"] == ["001"]
-    assert book.alike(proof.BOOK, "later") == {"later"}
+    (found,) = book.compared(proof.BOOK)
+    assert (found["differ"], found["intervals_otherwise"], found["judged_otherwise"]) == (["001"], [], [])
+    assert book.alike(proof.BOOK, "later") == {"later", row["version"]}
 
 
 def changed(row: dict[str, str], name: str, **values: object) -> None:
@@ -62,7 +66,7 @@ def test_versions_that_differ_in_intervals_count_together_but_for_these(
     monkeypatch.setattr(book, "version", lambda: "later")
     proof_same.main(row["shard"], "--command", command)
     (found,) = book.compared(proof.BOOK)
-    assert (found["differ"], found["judged_otherwise"]) == (["001"], [])
+    assert (found["intervals_otherwise"], found["judged_otherwise"]) == (["001"], [])
     assert book.alike(proof.BOOK, "later") == {"later"}
     assert book.alike(proof.BOOK, "later", but_intervals=True) == {"later", row["version"]}
     # a shard of the later version brings its own intervals, and no other's count beside them
