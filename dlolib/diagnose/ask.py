@@ -1,222 +1,124 @@
-"""The next motion: the one of a menu that separates two models best."""
+"""The next motion: the one of a menu after which what is still in question can be told apart best.
+
+A model is out of question once it fits worse than the best by more than chance, and by more than the forms of
+laws may be off, a share of what it explains (`decide`). Both it and that share grow with a motion: the one
+that shows a difference largest need not be the one that tells the two apart.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from dlolib.diagnose.fitting import Fitted
-from dlolib.diagnose.study import Seen, Study
+from dlolib.diagnose.decide import Decision, imitated
+from dlolib.diagnose.fitting import Fitted, Hypothesis, promise
+from dlolib.diagnose.menu import FEWEST_ROWS, menu
+from dlolib.diagnose.nuisances import PRIORS, held
+from dlolib.diagnose.search import Searched
+from dlolib.diagnose.study import DiagnoseSettings, Seen, Study
 from dlolib.diagnose.whitening import Whitener, grid_of
+from dlolib.diagnose.workers import Workers
 from dlolib.errors import DloError
-from dlolib.identify.problem import axes
+from dlolib.identify.parameters import Unknown
 from dlolib.sim.poses import model_of
-from dlolib.types import Floats, Motion, Points, Recording
+from dlolib.types import Motion, Points, Recording
 
-# Rows and frames of a menu's motion; how far the wrist rolls; how long it holds.
-RATE_HZ, FRAMES, POINTS = 20.0, 60, 30
-ROLL_RAD, ROLL_RAD_S, HOLD_S = np.deg2rad(120.0), 0.5, 20.0
-QUICKER = 3.0
-FEWEST_ROWS = 3
-# A row that is reached from the one before in less is the same pose.
-STILL_S = 1e-7
+# Frames of a motion that was not made yet, and points of each.
+FRAMES, POINTS = 60, 30
+# So many models beside the tie are looked at: laws that would stand for the best once it explains less.
+BESIDE = 3
 
 
 @dataclass(frozen=True)
 class Asked:
-    """A motion that begins at the last pose (t_s from 0), what it is, and the ΔBIC that it promises."""
+    """A motion from the last pose on (t_s from 0), what it is, and the ΔBIC of the tie that it promises."""
 
     motion: Motion
     says: str
     expected: float
 
 
-def next_motion(study: Study, one: Fitted, other: Fitted) -> Asked | None:
-    """The motion of the menu after which the two models differ most; None where none can be made or told."""
-    recording = study.seen[0].recording
-    if len(recording.motion.t_s) < FEWEST_ROWS or np.isnan(recording.motion.end_m).all():
+@dataclass(frozen=True)
+class Told:
+    """What a motion tells of pairs of models, and of the best and the elastic rod: χ² left between them."""
+
+    pairs: tuple[float, ...]
+    elastic: float
+
+    def over(self, tie: float, shares: Sequence[float]) -> float:
+        """By how many times every pair is further apart than chance and forms allow, `shares` of what is
+        explained."""
+        explained = [max(self.elastic - left, 0.0) for left in self.pairs]
+        allowed = [tie + share * much for share, much in zip(shares, explained, strict=True)]
+        return min(left / some for left, some in zip(self.pairs, allowed, strict=True))
+
+
+def next_motion(
+    study: Study, searched: Searched, decision: Decision, settings: DiagnoseSettings, run: Workers
+) -> Asked | None:
+    """The motion of the menu that tells the tie apart best; None where none can be made or none would."""
+    motion = study.seen[0].recording.motion
+    if len(decision.tie) < 2 or len(motion.t_s) < FEWEST_ROWS or np.isnan(motion.end_m).all():
         return None
-    best: Asked | None = None
-    for says, motion in menu(recording.motion):
-        try:
-            gain = _separation(study, one, other, motion)
-        except DloError:
-            continue
-        if best is None or gain > best.expected:
-            best = Asked(motion, says, gain)
-    return best
+    best, others = decision.tie[0], rivals(searched, decision)
+    # of a model and a larger one the larger is the one to be played: it can show all that the other does
+    pairs = [(other, best) if set(best.effects) < set(other.effects) else (best, other) for other in others]
+    shares = [imitated(model, shown) for shown, model in pairs]
+    motions = menu(motion)
+    found = run(_told_by, [(one, best, searched.baseline, pairs) for _, one in motions], "next motion")
+    asked, most = None, 1.0
+    for (says, one), told in zip(motions, found, strict=True):
+        clear = 0.0 if told is None else told.over(settings.tie, shares)
+        if told is not None and clear > most:
+            asked, most = Asked(one, says, told.pairs[0]), clear
+    return asked
 
 
-def menu(motion: Motion) -> list[tuple[str, Motion]]:
-    """What a robot can do from the motion's last pose within the speed of the motion itself."""
-    speed, turning_speed = _speed(motion), max(ROLL_RAD_S, _turning_speed(motion))
-    last, bent = _pose(motion, -1), _pose(motion, _most_bent(motion))
-    there = _go(last, bent, speed)
-    # back through where it began: from one side straight to the other would be the short way round
-    rolls = [_rolled(bent, angle) for angle in (ROLL_RAD, 0.0, -ROLL_RAD, 0.0)]
-    turning, at = [there], bent
-    for pose in rolls:
-        turning.append(_go(at, pose, speed))
-        at = pose
-    back = _go(bent, last, speed)
-    arcs = _arc(motion)
-    quick, opposite = _timed(arcs, QUICKER * speed, QUICKER * turning_speed), _mirrored(arcs)
-    whole = [
-        ("roll the wrist by 120 degrees both ways at the most bent pose", _joined([*turning, back])),
-        (
-            "move along the same arc on the opposite side, out and back",
-            _timed(opposite, speed, turning_speed),
-        ),
-        ("hold the most bent pose for 20 s", _joined([there, _go(bent, bent, speed, HOLD_S), back])),
-        ("move along the same arc three times as fast", quick),
+def rivals(searched: Searched, decision: Decision) -> list[Fitted]:
+    """What the best must be told from: the rest of the tie, and the best of other laws in its place."""
+    best, *tied = decision.tie
+    known = {one.effects for one in decision.tie}
+    more: dict[tuple[str, ...], Fitted] = {}
+    for one in searched.models:
+        if one.effects not in known and not set(best.effects) < set(one.effects) and imitated(one, best):
+            more.setdefault(one.effects, one)
+    return [*tied, *list(more.values())[:BESIDE]]
+
+
+Job = tuple[Motion, Fitted, Fitted, Sequence[tuple[Fitted, Fitted]]]
+
+
+def _told_by(study: Study, job: Job) -> Told | None:
+    motion, best, elastic, pairs = job
+    try:
+        longer = _longer(study, motion)
+        return Told(tuple(_left(longer, *pair) for pair in pairs), _left(longer, best, elastic))
+    except DloError:
+        return None
+
+
+def _left(study: Study, shown: Fitted, model: Fitted) -> float:
+    """χ² that stays when a model is fitted, by a linear step, to what another would show."""
+    own = [unknown for unknown in study.nuisances if unknown not in model.unknowns]
+    # the offsets at which the model shown leaves nothing
+    offsets_m = [
+        one.recording.points.xyz_m - one.model.predict(study.rod(k, shown.values(k))).xyz_m
+        for k, one in enumerate(study.seen)
     ]
-    if not np.ptp(arcs.end_m, axis=0).any():  # the arc of an end that only turned is a point
-        whole = whole[::2]
-    return [(says, one) for says, one in whole if len(one.t_s) >= FEWEST_ROWS]
+    other = Hypothesis(study, model.effects, (*model.unknowns, *own), tuple(offsets_m))
+    return promise(other, np.append(model.theta, np.zeros(len(own))))
 
 
-Pose = tuple[Floats, Floats, Floats, Floats]
-
-
-def _pose(motion: Motion, k: int) -> Pose:
-    return motion.start_m[k], motion.start_q[k], motion.end_m[k], motion.end_q[k]
-
-
-def _speed(motion: Motion) -> float:
-    """Of the moved end while it moves [m/s]."""
-    way = np.linalg.norm(np.diff(motion.end_m, axis=0), axis=1)
-    moving = way > 1e-6
-    return float(way[moving].sum() / np.diff(motion.t_s)[moving].sum()) if moving.any() else 0.05
-
-
-def _turning_speed(motion: Motion) -> float:
-    """Of the ends while they turn [rad/s]."""
-    turn = _turns(motion)
-    turning = turn > 1e-6
-    return float(turn[turning].sum() / np.diff(motion.t_s)[turning].sum()) if turning.any() else 0.0
-
-
-def _ways(motion: Motion) -> Floats:
-    """How far the further moved end goes from row to row (T - 1,) [m]."""
-    ways = [np.linalg.norm(np.diff(x, axis=0), axis=1) for x in (motion.start_m, motion.end_m)]
-    return np.asarray(np.nanmax([np.nan_to_num(way) for way in ways], axis=0))
-
-
-def _turns(motion: Motion) -> Floats:
-    """How far the further turned end turns from row to row (T - 1,) [rad]."""
-    found = np.zeros(len(motion.t_s) - 1)
-    for q in (motion.start_q, motion.end_q):
-        if not np.isnan(q).any():
-            turns = Rotation.from_quat(q, scalar_first=True)
-            found = np.maximum(found, (turns[:-1].inv() * turns[1:]).magnitude())
-    return found
-
-
-def _most_bent(motion: Motion) -> int:
-    """The row at which the two ends are nearest, or the end is furthest from where it began."""
-    if np.isnan(motion.start_m).all():
-        return int(np.argmax(np.linalg.norm(motion.end_m - motion.end_m[0], axis=1)))
-    return int(np.argmin(np.linalg.norm(motion.end_m - motion.start_m, axis=1)))
-
-
-def _rolled(pose: Pose, angle: float) -> Pose:
-    turn = Rotation.from_quat(pose[3], scalar_first=True) * Rotation.from_rotvec([0, 0, angle])
-    return pose[0], pose[1], pose[2], _alike(turn.as_quat(scalar_first=True), pose[3])
-
-
-def _alike(q: Floats, other: Floats) -> Floats:
-    """Of the two signs of a quaternion the one nearer to another."""
-    return np.asarray(q if q @ other >= 0 else -q)
-
-
-def _go(one: Pose, other: Pose, speed: float, least_s: float = 0.0) -> Motion:
-    """From pose to pose in a straight line, turning evenly; both ends."""
-    both = Motion(np.arange(2.0), *(np.stack(pair) for pair in zip(one, other, strict=True)))
-    way, turn = float(_ways(both)[0]), float(_turns(both)[0])
-    duration = max(way / speed, turn / ROLL_RAD_S, least_s, 2 / RATE_HZ)
-    t = np.linspace(0, duration, int(np.ceil(duration * RATE_HZ)) + 1)
-    share = (t / duration)[:, None]
-    start_m, end_m = (one[k] + share * (other[k] - one[k]) for k in (0, 2))
-    return Motion(t, start_m, _turning(one[1], other[1], share), end_m, _turning(one[3], other[3], share))
-
-
-def _turning(one: Floats, other: Floats, share: Floats) -> Floats:
-    """Frames (T, 4) from one to another; a free end has none."""
-    if np.isnan(one).any() or np.isnan(other).any():
-        return np.full((len(share), 4), np.nan)
-    first, second = (Rotation.from_quat(q, scalar_first=True) for q in (one, other))
-    turn = (first.inv() * second).as_rotvec()
-    q = (first * Rotation.from_rotvec(share * turn)).as_quat(scalar_first=True)
-    q[0] = _alike(q[0], one)
-    for k in range(1, len(q)):
-        q[k] = _alike(q[k], q[k - 1])
-    return np.asarray(q)
-
-
-def _joined(legs: list[Motion]) -> Motion:
-    """One after the other."""
-    whole = legs[0]
-    for leg in legs[1:]:
-        rest = [getattr(leg, name)[1:] for name in ("start_m", "start_q", "end_m", "end_q")]
-        for k, before, after in ((1, whole.start_q, leg.start_q), (3, whole.end_q, leg.end_q)):
-            if before[-1] @ after[0] < 0:
-                rest[k] = -rest[k]
-        parts = [
-            np.concatenate([getattr(whole, name), more])
-            for name, more in zip(("start_m", "start_q", "end_m", "end_q"), rest, strict=True)
-        ]
-        whole = Motion(np.concatenate([whole.t_s, whole.t_s[-1] + leg.t_s[1:]]), *parts)
-    return whole
-
-
-def _arc(motion: Motion) -> Motion:
-    """The recorded way of the end out to where it is furthest from its last pose, and back."""
-    away = np.linalg.norm(motion.end_m - motion.end_m[-1], axis=1)
-    first = int(np.argmax(away))
-    back = [np.asarray(getattr(motion, name)[first:]) for name in ("start_m", "start_q", "end_m", "end_q")]
-    both = [np.concatenate([part[::-1], part[1:]]) for part in back]
-    return Motion(np.arange(len(both[0]), dtype=float), *both)
-
-
-def _mirrored(motion: Motion) -> Motion:
-    """The end's way turned by half a revolution about the line from the start to where it begins."""
-    origin = motion.end_m[0]
-    along = origin - motion.start_m[0] if not np.isnan(motion.start_m).any() else np.array([0.0, 0.0, 1.0])
-    along = along / max(float(np.linalg.norm(along)), 1e-9)
-    away = motion.end_m - origin
-    return replace(motion, end_m=origin + 2 * np.outer(away @ along, along) - away)
-
-
-def _timed(motion: Motion, speed: float, turning_speed: float) -> Motion:
-    """At an even speed [m/s], slower where it turns faster than that [rad/s]; rows that stand still left
-    out."""
-    takes_s = np.maximum(_ways(motion) / speed, _turns(motion) / turning_speed)
-    moves = takes_s > STILL_S
-    keep = np.concatenate([[True], moves])
-    parts = [getattr(motion, name)[keep] for name in ("start_m", "start_q", "end_m", "end_q")]
-    return Motion(np.concatenate([[0.0], np.cumsum(takes_s[moves])]), *parts)
-
-
-def _separation(study: Study, one: Fitted, other: Fitted, more: Motion) -> float:
-    """χ² between the two models over recording and further motion, what `other` can give way taken off."""
-    seen = study.seen[0]
-    longer = _continued(seen.recording, more)
-    whitener = Whitener(grid_of(longer, np.ones(len(longer.points.s_m), dtype=bool)), seen.whitener.noise)
-    model = model_of(longer, seen.model.particles, getattr(seen.model, "step_s", None))
-    views = (seen, Seen(model, whitener))
-    change, basis = [], []
-    for view in views:
-        names = [u.name for u in other.unknowns if u.recording in (None, 0)]
-        looked = axes(view.model)
-        mine = view.model.predict(study.rod(0, one.values(0))).xyz_m
-        theirs = view.model.predict(study.rod(0, other.values(0)), names)
-        change.append(view.whitener((mine - theirs.xyz_m)[:, looked]).ravel())
-        basis.append(view.whitener(theirs.by_parameter[:, looked]).reshape(-1, len(names)))
-    q = np.linalg.qr(np.concatenate(basis))[0]
-    whole = np.concatenate(change)
-    return float(whole @ whole - np.sum((q.T @ whole) ** 2))
+def _longer(study: Study, more: Motion) -> Study:
+    """The study with a further recording, of the first's rope moved on."""
+    seen, number = study.seen[0], len(study.seen)
+    recording = _continued(seen.recording, more)
+    whitener = Whitener(grid_of(recording, np.ones(FRAMES * POINTS, dtype=bool)), seen.whitener.noise)
+    model = model_of(recording, seen.model.particles, getattr(seen.model, "step_s", None))
+    own = {Unknown(name, number): prior for name, prior in PRIORS.items() if held(recording, name)}
+    return replace(study, seen=(*study.seen, Seen(model, whitener)), nuisances={**study.nuisances, **own})
 
 
 def _continued(recording: Recording, more: Motion) -> Recording:
@@ -235,4 +137,4 @@ def _continued(recording: Recording, more: Motion) -> Recording:
     return replace(recording, motion=whole, points=points)
 
 
-__all__ = ["Asked", "menu", "next_motion"]
+__all__ = ["Asked", "next_motion"]

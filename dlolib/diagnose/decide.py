@@ -108,7 +108,7 @@ def _tied(
         return one.bic(frames) - best.bic(frames) - max(ahead, 0.0)
 
     def good(one: Fitted) -> bool:
-        share = _imitated(one, best)
+        share = imitated(one, best)
         allowed = max(settings.tie, share * (base.chi2 - one.chi2))
         return behind(one) < allowed and _as_far(one, best, foretold, share)
 
@@ -116,7 +116,7 @@ def _tied(
     return [one for one in tie if one is best or not any(set(o.effects) < set(one.effects) for o in tie)]
 
 
-def _imitated(model: Fitted, best: Fitted) -> float:
+def imitated(model: Fitted, best: Fitted) -> float:
     """The share of what a model explains by which the best may explain more for its laws' forms alone.
 
     That is so where the model has other ideal laws, and no more of them; and where it has an ideal law and

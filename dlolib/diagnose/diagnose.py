@@ -77,7 +77,7 @@ def diagnose(recordings: Sequence[Recording], settings: DiagnoseSettings) -> Dia
         ahead = {one.effects: told for one, told in pairs if told is not None}
         decision = decide(study, searched, settings, ahead)
         forms = other_forms(study, searched, decision.winner, settings, run)
-    motion = next_motion(study, *decision.tie[:2]) if len(decision.tie) > 1 else None
+        motion = next_motion(study, searched, decision, settings, run)
     if motion is not None:
         motion = replace(motion, motion=as_logged(motion.motion, recordings[0]))
     found = Found(

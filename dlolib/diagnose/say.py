@@ -87,8 +87,8 @@ def summary(
     if decision.status == "explained":
         return first
     others = " or ".join(" with ".join(one.effects) for one in decision.tie[1:])
-    mend = f"; to tell them apart, {asked}" if asked else ""
-    return f"{first} It cannot be told from {others}{mend}."
+    mend = f"to tell them apart, {asked}" if asked else "no motion that the tool knows would tell them apart"
+    return f"{first} It cannot be told from {others}; {mend}."
 
 
 def _nearest(model: Fitted, told: str, after_mm: float) -> str:

@@ -7,7 +7,12 @@ import pytest
 from diagnose.test_diagnose import found, made
 from scipy.spatial.transform import Rotation
 
-from dlolib.diagnose.ask import QUICKER, ROLL_RAD, ROLL_RAD_S, menu, next_motion
+from dlolib.diagnose import DiagnoseSettings
+from dlolib.diagnose.ask import Told, next_motion, rivals
+from dlolib.diagnose.decide import IMITATED, Decision
+from dlolib.diagnose.fitting import Fitted
+from dlolib.diagnose.menu import QUICKER, ROLL_RAD, ROLL_RAD_S, menu
+from dlolib.diagnose.workers import Workers
 from dlolib.sim.upright import as_logged, upright
 from dlolib.types import Floats, Motion
 
@@ -31,8 +36,22 @@ def test_of_an_end_that_only_turns_no_arc_is_asked_for() -> None:
         np.outer(angle, [0, 0, 1])
     )
     still = np.tile(MOTION.end_m[0], (len(angle), 1))
-    says = menu(replace(MOTION, end_m=still, end_q=turns.as_quat(scalar_first=True)))
-    assert len(says) == 2 and all(motion.t_s[-1] > 1 for _, motion in says)
+    some = menu(replace(MOTION, end_m=still, end_q=turns.as_quat(scalar_first=True)))
+    assert len(some) == 3 and all(motion.t_s[-1] > 1 and "arc" not in says for says, motion in some)
+
+
+def test_the_ends_come_no_nearer_than_half() -> None:
+    least = np.linalg.norm(MOTION.end_m - MOTION.start_m, axis=1).min()
+    nearest = {says: np.linalg.norm(m.end_m - m.start_m, axis=1).min() for says, m in menu(MOTION)}
+    (half,) = (near for says, near in nearest.items() if "nearer" in says)
+    assert half == pytest.approx(0.5 * least)
+
+
+def test_of_an_end_that_hangs_free_none_is_brought_nearer() -> None:
+    hangs = replace(
+        MOTION, start_m=np.full_like(MOTION.start_m, np.nan), start_q=np.full_like(MOTION.start_q, np.nan)
+    )
+    assert not any("nearer" in says for says, _ in menu(hangs))
 
 
 def test_the_roll_is_about_the_rope() -> None:
@@ -45,15 +64,44 @@ def test_the_roll_is_about_the_rope() -> None:
     assert rolled[:, 2].max() == pytest.approx(ROLL_RAD) and rolled[:, 2].min() == pytest.approx(-ROLL_RAD)
 
 
+def models_of(name: str) -> dict[tuple[str, ...], Fitted]:
+    return {one.effects: one for one in found(name).found.searched.models}
+
+
+def asked_for(*tie: Fitted) -> object:
+    """The next motion were these a tie."""
+    of = found("plastic").found
+    with Workers(1) as run:
+        run.begin(of.study)
+        return next_motion(of.study, of.searched, Decision("ambiguous", tie[0], tie), DiagnoseSettings(), run)
+
+
 def test_two_laws_are_told_apart_and_a_model_is_not_told_from_itself() -> None:
-    study = found("plastic").found.study
-    models = {one.effects: one for one in found("plastic").found.searched.models}
+    models = models_of("plastic")
     plastic, friction = models[("plastic_bending",)], models[("internal_friction",)]
-    asked = next_motion(study, plastic, friction)
-    assert asked is not None and asked.expected > 10
-    assert asked.says in [says for says, _ in menu(study.seen[0].recording.motion)]
-    same = next_motion(study, plastic, plastic)
-    assert same is not None and same.expected < 1e-6
+    asked = asked_for(plastic, friction)
+    assert asked is not None and asked.expected > DiagnoseSettings().tie
+    assert asked.says in [says for says, _ in menu(found("plastic").found.study.seen[0].recording.motion)]
+    assert asked_for(plastic, plastic) is None
+    assert asked_for(plastic) is None
+
+
+def test_what_forms_may_leave_of_what_is_explained_is_no_difference() -> None:
+    """A large difference of much that is explained tells less than a small one of little."""
+    large, small = Told((500.0,), elastic=7000.0), Told((100.0,), elastic=250.0)
+    assert large.over(6.0, [IMITATED]) < 1.0 < small.over(6.0, [IMITATED])
+    assert large.over(6.0, [0.0]) > small.over(6.0, [0.0])
+    worst = Told((500.0, 3.0), elastic=7000.0)
+    assert worst.over(6.0, [0.0, 0.0]) == 0.5
+
+
+def test_other_laws_in_the_place_of_the_best_are_looked_at_too() -> None:
+    searched, models = found("plastic").found.searched, models_of("plastic")
+    plastic, friction = models[("plastic_bending",)], models[("internal_friction",)]
+    other = next(
+        one for one in searched.models if "plastic_bending" not in one.effects and one is not friction
+    )
+    assert rivals(searched, Decision("ambiguous", plastic, (plastic, other))) == [other, friction]
 
 
 def test_both_ends_go_on_from_where_they_are_and_no_faster_than_they_were() -> None:
