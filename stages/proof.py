@@ -273,10 +273,12 @@ def without(command: str, only: Sequence[str] = ()) -> dict[str, Any]:
     return {"owned_up": share(sum(row["owned_up"] for row in rows), len(rows)), "recordings": rows}
 
 
-def of_others(result: str, again: Collection[str]) -> list[dict[str, Any]]:
-    """The rows that a result of this version has of shards that are not looked at again."""
+def of_others(result: str, again: Collection[str], judged: bool = True) -> list[dict[str, Any]]:
+    """The rows that a result of this version has of shards that are not looked at again; not of versions that
+    only are judged alike where it counts what is not judged."""
     before = _read(BOOK / result) or {"version": None, "recordings": []}
-    kept = before["recordings"] if before["version"] in book.alike(BOOK, book.version()) else []
+    own = book.alike(BOOK, book.version()) if judged else {book.version()}
+    kept = before["recordings"] if before["version"] in own else []
     return [row for row in kept if row["shard"] not in again]
 
 

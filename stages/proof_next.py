@@ -59,7 +59,7 @@ def main(*arguments: str) -> None:
     ]
     with ThreadPoolExecutor(WORKERS) as pool:
         jobs = [pool.submit(told_apart, *one, asked.command) for one in tied]
-        found = of_others("next.json", shards) + [job.result() for job in jobs]
+        found = of_others("next.json", shards, judged=False) + [job.result() for job in jobs]
     played = [row for row in found if row["outcome"] is not None]
     right = share(sum(row["outcome"] == "right" for row in played), len(played))
     made = made_by("make proof-next") | {"goal": 0.8, "asked": share(len(played), len(found))}
@@ -75,7 +75,7 @@ def told_apart(seed: int, shard: str, name: str, command: str) -> dict[str, Any]
     answer = json.loads((SEALED / shard / f"{name}.json").read_text())
     row = {"shard": shard, "name": name, "true": answer["effects"], "outcome": None}
     if verdict is None or verdict["next_motion"] is None:
-        return row | {"why": "no motion was asked for"}
+        return row | {"why": "no motion was asked for" if verdict else "no verdict"}
     row |= {"tie": verdict["equivalent"], "why": verdict["next_motion"]["why"]}
     case = draw_case(seed, int(name), tuple(answer["effects"]), attempt=answer["attempt"])
     second = folder / f"{name}_next"
@@ -86,7 +86,9 @@ def told_apart(seed: int, shard: str, name: str, command: str) -> dict[str, Any]
         return row | {"not_played": error.problem}
     diagnose([first, second], folder / "both", command)
     both = verdict_in(folder / "both")
-    said = {} if both is None else {"status": both["status"], "named": named(both)}
+    said = (
+        {} if both is None else {"status": both["status"], "named": named(both), "tied": both["equivalent"]}
+    )
     return row | said | {"outcome": outcome(both, answer)}
 
 

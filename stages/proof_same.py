@@ -58,7 +58,7 @@ def main(*arguments: str) -> None:
     otherwise = [name for name in whole if _but(judged[name], *INTERVALS) != _but(scored[name], *INTERVALS)]
     before = next(row["version"] for row in book.runs(BOOK) if row["shard"] == asked.shard)
     found = made | {"as": before, "shard": asked.shard, "recordings": len(known)}
-    found |= {"differ": differ, "intervals_otherwise": whole, "judged_otherwise": otherwise}
+    found |= {"differ": differ, "otherwise": whole, "judged_otherwise": otherwise}
     write_json(BOOK / book.SAME, {"compared": [*book.compared(BOOK), found]})
     write_json(BOOK / "summary.json", totals())
     judged_so = f"{len(whole)} are judged otherwise, {len(otherwise)} but for their intervals"

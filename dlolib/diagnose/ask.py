@@ -1,8 +1,8 @@
-"""The next motion: the one of a menu after which what is still in question can be told apart best.
+"""The next motion: the one of a menu that best settles what is still in question.
 
-A model is out of question once it fits worse than the best by more than chance, and by more than the forms of
-laws may be off, a share of what it explains (`decide`). Both it and that share grow with a motion: the one
-that shows a difference largest need not be the one that tells the two apart.
+A model is out of question once it is behind the best by more than a tie, and by more than the forms of laws
+may be off, a share of what it explains (`decide`). How far it is behind and that share both grow with a
+motion: the one that shows a difference largest need not be the one that settles it.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import stats
 
 from dlolib.diagnose.decide import Decision, imitated
 from dlolib.diagnose.fitting import Fitted, Hypothesis, promise
@@ -22,11 +23,12 @@ from dlolib.diagnose.whitening import Whitener, grid_of
 from dlolib.diagnose.workers import Workers
 from dlolib.errors import DloError
 from dlolib.identify.parameters import Unknown
-from dlolib.sim.poses import model_of
+from dlolib.sim.recording import RecordingModel
 from dlolib.types import Motion, Points, Recording
 
 # Frames of a motion that was not made yet, and points of each.
 FRAMES, POINTS = 60, 30
+TINY = 1e-9
 # So many models beside the tie are looked at: laws that would stand for the best once it explains less.
 BESIDE = 3
 
@@ -41,43 +43,48 @@ class Asked:
 
 
 @dataclass(frozen=True)
-class Told:
-    """What a motion tells of pairs of models, and of the best and the elastic rod: χ² left between them."""
+class Pair:
+    """What a model would show, another that is fitted to it, and how far apart they must be.
 
-    pairs: tuple[float, ...]
-    elastic: float
+    share: of what is explained, by which laws' forms may be off. least: χ² that chance leaves of them, where
+    the one shown is the other with something further. penalty: of the one shown for its further parameters.
+    """
 
-    def over(self, tie: float, shares: Sequence[float]) -> float:
-        """By how many times every pair is further apart than chance and forms allow, `shares` of what is
-        explained."""
-        explained = [max(self.elastic - left, 0.0) for left in self.pairs]
-        allowed = [tie + share * much for share, much in zip(shares, explained, strict=True)]
-        return min(left / some for left, some in zip(self.pairs, allowed, strict=True))
+    shown: Fitted
+    model: Fitted
+    share: float
+    least: float
+    penalty: float
+
+    def over(self, left: float, elastic: float, tie: float) -> float:
+        """By how many times χ² left between them is more than must be; `elastic`: to the elastic rod."""
+        allowed = max(tie, self.share * max(elastic - left, 0.0), TINY)
+        clear = (left - self.penalty) / allowed
+        return min(clear, left / self.least) if self.least else clear
 
 
 def next_motion(
     study: Study, searched: Searched, decision: Decision, settings: DiagnoseSettings, run: Workers
 ) -> Asked | None:
-    """The motion of the menu that tells the tie apart best; None where none can be made or none would."""
+    """The motion of the menu that settles the tie best; None where none can be made or none promises to."""
     motion = study.seen[0].recording.motion
     if len(decision.tie) < 2 or len(motion.t_s) < FEWEST_ROWS or np.isnan(motion.end_m).all():
         return None
-    best, others = decision.tie[0], rivals(searched, decision)
-    # of a model and a larger one the larger is the one to be played: it can show all that the other does
-    pairs = [(other, best) if set(best.effects) < set(other.effects) else (best, other) for other in others]
-    shares = [imitated(model, shown) for shown, model in pairs]
+    best, chance = decision.tie[0], settings.chance
+    pairs = [paired(best, one, study.frames + FRAMES, chance) for one in rivals(searched, decision)]
     motions = menu(motion)
-    found = run(_told_by, [(one, best, searched.baseline, pairs) for _, one in motions], "next motion")
+    found = run(_left_by, [(one, pairs, searched.baseline) for _, one in motions], "next motion")
     asked, most = None, 1.0
     for (says, one), told in zip(motions, found, strict=True):
-        clear = 0.0 if told is None else told.over(settings.tie, shares)
-        if told is not None and clear > most:
-            asked, most = Asked(one, says, told.pairs[0]), clear
+        both = zip(pairs, told, strict=False)
+        clear = min((pair.over(apart, elastic, settings.tie) for pair, (apart, elastic) in both), default=0.0)
+        if clear > most:
+            asked, most = Asked(one, says, told[0][0] - pairs[0].penalty), clear
     return asked
 
 
 def rivals(searched: Searched, decision: Decision) -> list[Fitted]:
-    """What the best must be told from: the rest of the tie, and the best of other laws in its place."""
+    """What the best must be told from: the rest of the tie, and the best whose laws may stand for its own."""
     best, *tied = decision.tie
     known = {one.effects for one in decision.tie}
     more: dict[tuple[str, ...], Fitted] = {}
@@ -87,36 +94,52 @@ def rivals(searched: Searched, decision: Decision) -> list[Fitted]:
     return [*tied, *list(more.values())[:BESIDE]]
 
 
-Job = tuple[Motion, Fitted, Fitted, Sequence[tuple[Fitted, Fitted]]]
+def paired(best: Fitted, other: Fitted, frames: int, chance: float) -> Pair:
+    """The best and a rival. Of a model and a larger one the larger is shown: it can do all the other does."""
+    shown, model = (other, best) if set(best.effects) < set(other.effects) else (best, other)
+    further = shown.parameters - model.parameters
+    nested = set(model.effects) < set(shown.effects)
+    least = float(stats.chi2.isf(chance, max(further, 1))) if nested else 0.0
+    return Pair(shown, model, imitated(model, shown), least, further * float(np.log(frames)))
 
 
-def _told_by(study: Study, job: Job) -> Told | None:
-    motion, best, elastic, pairs = job
+def _left_by(study: Study, job: tuple[Motion, Sequence[Pair], Fitted]) -> list[tuple[float, float]]:
+    """Of each pair the χ² left between its two, and between the one shown and the elastic rod; of none where
+    one of them cannot be simulated."""
+    motion, pairs, elastic = job
     try:
         longer = _longer(study, motion)
-        return Told(tuple(_left(longer, *pair) for pair in pairs), _left(longer, best, elastic))
+        return [(left(longer, one.shown, one.model), left(longer, one.shown, elastic)) for one in pairs]
     except DloError:
-        return None
+        return []
 
 
-def _left(study: Study, shown: Fitted, model: Fitted) -> float:
-    """χ² that stays when a model is fitted, by a linear step, to what another would show."""
+def left(study: Study, shown: Fitted, model: Fitted) -> float:
+    """χ² that stays when a model is fitted, by a linear step, to what another would show.
+
+    What a recording has for itself is expected to be what it is in the model shown.
+    """
     own = [unknown for unknown in study.nuisances if unknown not in model.unknowns]
     # the offsets at which the model shown leaves nothing
     offsets_m = [
         one.recording.points.xyz_m - one.model.predict(study.rod(k, shown.values(k))).xyz_m
         for k, one in enumerate(study.seen)
     ]
-    other = Hypothesis(study, model.effects, (*model.unknowns, *own), tuple(offsets_m))
-    return promise(other, np.append(model.theta, np.zeros(len(own))))
+    expected = dict(zip(shown.unknowns, shown.theta.tolist(), strict=True))
+    unknowns = (*model.unknowns, *own)
+    other = Hypothesis(study, model.effects, unknowns, tuple(offsets_m), expected=expected)
+    return promise(other, np.append(model.theta, [expected.get(one, 0.0) for one in own]))
 
 
 def _longer(study: Study, more: Motion) -> Study:
-    """The study with a further recording, of the first's rope moved on."""
+    """The study with a further recording, of the first's rope moved on with all that it remembers."""
     seen, number = study.seen[0], len(study.seen)
     recording = _continued(seen.recording, more)
     whitener = Whitener(grid_of(recording, np.ones(FRAMES * POINTS, dtype=bool)), seen.whitener.noise)
-    model = model_of(recording, seen.model.particles, getattr(seen.model, "step_s", None))
+    if isinstance(seen.model, RecordingModel):
+        model = replace(seen.model, recording=recording)  # it begins as it did
+    else:
+        model = RecordingModel(recording, seen.model.particles, None)  # from pose to pose in a straight line
     own = {Unknown(name, number): prior for name, prior in PRIORS.items() if held(recording, name)}
     return replace(study, seen=(*study.seen, Seen(model, whitener)), nuisances={**study.nuisances, **own})
 

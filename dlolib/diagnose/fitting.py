@@ -77,7 +77,8 @@ class Fitted:
 class Hypothesis:
     """A model as least squares takes it: whitened residuals and Jacobian of its unknowns.
 
-    Both come from one simulation; that of the last coordinates asked for is kept.
+    Both come from one simulation; that of the last coordinates asked for is kept. expected: what a recording
+    has for itself, in the fit's coordinates, where that is not 0.
     """
 
     study: Study
@@ -85,6 +86,7 @@ class Hypothesis:
     unknowns: tuple[Unknown, ...]
     offsets_m: tuple[Floats, ...]
     evaluations: int = 0
+    expected: Mapping[Unknown, float] = field(default_factory=dict)
     _last: tuple[Floats, Floats, Floats] | None = field(default=None, repr=False)
     _acting: frozenset[str] | None = field(default=None, repr=False)
 
@@ -150,12 +152,13 @@ class Hypothesis:
         return np.concatenate([*residuals, prior]), np.concatenate([jacobian, by_prior])
 
     def _priors(self, theta: Floats) -> tuple[Floats, Floats]:
-        expected = {**self.study.nuisances, **self.study.histories}
-        held = [n for n, u in enumerate(self.unknowns) if u in expected]
-        weights = np.array([1 / expected[self.unknowns[n]] for n in held])
+        deviations = {**self.study.nuisances, **self.study.histories}
+        held = [n for n, u in enumerate(self.unknowns) if u in deviations]
+        weights = np.array([1 / deviations[self.unknowns[n]] for n in held])
         rows = np.zeros((len(held), len(theta)))
         rows[np.arange(len(held)), held] = weights
-        return weights * theta[held], rows
+        means = np.array([self.expected.get(self.unknowns[n], 0.0) for n in held])
+        return weights * (theta[held] - means), rows
 
 
 def values_of(point: Point, k: int) -> dict[str, float]:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from dlolib.identify.intervals import JITTER_M
 from dlolib.types import Floats, Motion
 
 # Rows a second; how far and how fast the wrist rolls; how long it holds a pose, and how long each of two.
@@ -16,6 +17,8 @@ ROLL_RAD, ROLL_RAD_S = np.deg2rad(120.0), 0.5
 HOLD_S, HOLD_EACH_S = 20.0, 10.0
 # How much faster, or slower, the arc is gone through again; by which share of their distance ends near.
 QUICKER, NEARER = 3.0, 0.5
+# Ends as near as this touch. A speed where an end only turned, and the slowest worth waiting for [m/s].
+TOUCHING_M, USUAL_M_S, SLOWEST_M_S = 0.02, 0.05, 0.01
 FEWEST_ROWS = 3
 # A row that is reached from the one before in less is the same pose.
 STILL_S = 1e-7
@@ -41,10 +44,10 @@ def menu(motion: Motion) -> list[tuple[str, Motion]]:
         ("roll the wrist by 120 degrees both ways at the most bent pose, held for 10 s each", rolled),
         ("hold the most bent pose for 20 s", through((bent, HOLD_S))),
     ]
-    if not np.isnan(motion.start_m).any():
+    if np.linalg.norm(bent[2] - bent[0]) > TOUCHING_M:  # and not of a free start, which is nowhere
         held = through((bent, 0.0), (_nearer(bent), HOLD_S), (bent, 0.0))
         whole.append(("bring the ends nearer by half of their least distance and hold that for 20 s", held))
-    if np.ptp(arcs.end_m, axis=0).any():  # the arc of an end that only turned is a point
+    if np.ptp(arcs.end_m, axis=0).max() > JITTER_M:  # the arc of an end that only turned is a point
         whole += [
             ("move along the same arc on the opposite side, out and back", timed(_mirrored(arcs), 1.0)),
             ("move along the same arc three times as fast", timed(arcs, QUICKER)),
@@ -61,7 +64,9 @@ def _speed(motion: Motion) -> float:
     """Of the moved end while it moves [m/s]."""
     way = np.linalg.norm(np.diff(motion.end_m, axis=0), axis=1)
     moving = way > 1e-6
-    return float(way[moving].sum() / np.diff(motion.t_s)[moving].sum()) if moving.any() else 0.05
+    if not moving.any():
+        return USUAL_M_S
+    return max(float(way[moving].sum() / np.diff(motion.t_s)[moving].sum()), SLOWEST_M_S)
 
 
 def _turning_speed(motion: Motion) -> float:

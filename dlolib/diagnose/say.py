@@ -87,7 +87,7 @@ def summary(
     if decision.status == "explained":
         return first
     others = " or ".join(" with ".join(one.effects) for one in decision.tie[1:])
-    mend = f"to tell them apart, {asked}" if asked else "no motion that the tool knows would tell them apart"
+    mend = f"to tell them apart, {asked}" if asked else "no motion of the menu promises to tell them apart"
     return f"{first} It cannot be told from {others}; {mend}."
 
 

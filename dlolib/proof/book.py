@@ -91,7 +91,7 @@ def _otherwise(row: dict[str, Any], but_intervals: bool) -> list[str]:
     verdict that was not the same byte for byte counts as one of these."""
     if but_intervals:
         return list(row["judged_otherwise"])
-    return list(row.get("intervals_otherwise", row["differ"]))
+    return list(row.get("otherwise", row["differ"]))
 
 
 def compared(book: Path) -> list[dict[str, Any]]:

@@ -45,7 +45,7 @@ def test_a_verdict_that_says_something_else_beside_what_is_judged_is_the_same(
     monkeypatch.setattr(book, "version", lambda: "later")
     proof_same.main(row["shard"], "--command", command)
     (found,) = book.compared(proof.BOOK)
-    assert (found["differ"], found["intervals_otherwise"], found["judged_otherwise"]) == (["001"], [], [])
+    assert (found["differ"], found["otherwise"], found["judged_otherwise"]) == (["001"], [], [])
     assert book.alike(proof.BOOK, "later") == {"later", row["version"]}
 
 
@@ -66,7 +66,7 @@ def test_versions_that_differ_in_intervals_count_together_but_for_these(
     monkeypatch.setattr(book, "version", lambda: "later")
     proof_same.main(row["shard"], "--command", command)
     (found,) = book.compared(proof.BOOK)
-    assert (found["intervals_otherwise"], found["judged_otherwise"]) == (["001"], [])
+    assert (found["otherwise"], found["judged_otherwise"]) == (["001"], [])
     assert book.alike(proof.BOOK, "later") == {"later"}
     assert book.alike(proof.BOOK, "later", but_intervals=True) == {"later", row["version"]}
     # a shard of the later version brings its own intervals, and no other's count beside them
