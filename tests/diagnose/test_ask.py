@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from diagnose.test_diagnose import found, made
 from scipy.spatial.transform import Rotation
+from sim import test_begun
 
 from dlolib.diagnose import DiagnoseSettings
 from dlolib.diagnose.ask import POINTS, Pair, _longer, left, next_motion, paired, rivals
@@ -13,7 +14,9 @@ from dlolib.diagnose.decide import IMITATED, Decision
 from dlolib.diagnose.fitting import Fitted
 from dlolib.diagnose.menu import QUICKER, ROLL_RAD, ROLL_RAD_S, menu
 from dlolib.diagnose.workers import Workers
+from dlolib.sim.begun import BegunModel, motion_model
 from dlolib.sim.poses import PosesModel, model_of
+from dlolib.sim.recording import first_points
 from dlolib.sim.upright import as_logged, upright
 from dlolib.types import Floats, Motion
 
@@ -157,6 +160,19 @@ def test_settled_poses_go_on_from_the_last_one() -> None:
     for says, further in menu(motion):
         there = _longer(settled, further).seen[1].model.predict(rod).xyz_m.reshape(-1, POINTS, 3)
         assert np.linalg.norm(there[-1, -1] - further.end_m[-1]) < 1e-3, says
+
+
+def test_what_began_in_motion_begins_so_when_it_is_moved_on() -> None:
+    """Its first frames tell where it was and how fast; those of the further motion are still to come."""
+    recording, study = test_begun.seen(test_begun.SWINGING), found("plastic").found.study
+    model = replace(motion_model(recording, 20, test_begun.STEP_S), first=first_points(recording))
+    assert isinstance(model, BegunModel)
+    begun = replace(study, seen=(replace(study.seen[0], model=model),))
+    _, further = menu(recording.motion)[0]
+    moved_on = _longer(begun, further).seen[1].model
+    first, again = (one.roll_out(test_begun.rod(20)) for one in (model, moved_on))
+    assert np.array_equal(again.x[0, : first.x.shape[1]], first.x[0])
+    assert again.x.shape[1] > first.x.shape[1]
 
 
 def test_other_laws_in_the_place_of_the_best_are_looked_at_too() -> None:
