@@ -19,6 +19,9 @@ STORED = (".bag", ".mcap", ".db3")
 # pages are valid for.
 SQLITE, COUNTED = struct.Struct(">16xH"), struct.Struct(">24xII60xI")
 
+# librealsense writes so much behind an image that is no part of it.
+TAIL = bytes(4)
+
 
 @dataclass
 class Bag:
@@ -59,7 +62,8 @@ class Bag:
         assert reader is not None
         chosen = [connection for connection in reader.connections if connection.topic in topics]
         counts = dict.fromkeys(topics, 0)
-        rows = reader.messages(chosen)
+        # rosbags takes no choice for all
+        rows = reader.messages(chosen) if chosen else iter(())
         while True:
             with self._readable(", ".join(topics)):
                 row = next(rows, None)
@@ -67,7 +71,7 @@ class Bag:
                 break
             connection, logged_ns, raw = row
             with self._readable(f"{connection.topic}, message {counts[connection.topic]}"):
-                message = reader.deserialize(raw, connection.msgtype)
+                message = _parsed(reader, raw, connection.msgtype)
             yield connection.topic, counts[connection.topic], logged_ns, message
             counts[connection.topic] += 1
         for topic in topics:
@@ -95,6 +99,17 @@ class Bag:
             problem = f"cannot be read: {str(error)[:120].rstrip('.') or type(error).__name__}"
             mend = "record or copy it again, or mend it (rosbag reindex, mcap recover)"
             raise FormatError(problem, file=self.path, place=place, mend=mend) from error
+
+
+def _parsed(reader: AnyReader, raw: bytes, kind: str) -> Any:
+    from rosbags.highlevel import AnyReaderError
+
+    try:
+        return reader.deserialize(raw, kind)
+    except AnyReaderError:
+        if not raw.endswith(TAIL):
+            raise
+        return reader.deserialize(raw[: -len(TAIL)], kind)
 
 
 def _check_pages(path: Path) -> None:

@@ -30,7 +30,7 @@ class Lens:
     @property
     def optics(self) -> dict[str, float]:
         """fx, fy, cx, cy [px] of the pinhole."""
-        return {name: float(self._straight[place]) for name, place in PINHOLE.items()}
+        return {name: float(self.straight[place]) for name, place in PINHOLE.items()}
 
     def color(self, image: Image) -> Image:
         """The image (H, W, 3) as the pinhole sees it, mixed between neighbours; untouched where straight."""
@@ -45,16 +45,17 @@ class Lens:
         return np.asarray(cv2.remap(image, *self._maps(image.shape), cv2.INTER_NEAREST), dtype=np.uint16)
 
     @property
-    def _straight(self) -> Floats:
+    def straight(self) -> Floats:
+        """The pinhole's matrix (3, 3) [px]."""
         return self.matrix if self.pinhole is None else self.pinhole
 
     @property
     def _leaves_alone(self) -> bool:
-        return not self.distortion.any() and np.array_equal(self._straight, self.matrix)
+        return not self.distortion.any() and np.array_equal(self.straight, self.matrix)
 
     def _maps(self, shape: tuple[int, ...]) -> tuple[Any, Any]:
         size = (shape[1], shape[0])
         maps = cv2.initUndistortRectifyMap(
-            self.matrix, self.distortion, None, self._straight, size, cv2.CV_32FC1
+            self.matrix, self.distortion, None, self.straight, size, cv2.CV_32FC1
         )
         return maps[0], maps[1]

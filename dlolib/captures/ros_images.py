@@ -33,6 +33,8 @@ LARGEST = np.iinfo(np.uint16).max
 # of compressed_depth_image_transport: a format and the two parameters of its quantisation
 HEADER = struct.Struct("<iff")
 UNDISTORTED = ("", "plumb_bob", "rational_polynomial")
+# As librealsense calls the first; the numbers of its inverse one are OpenCV's, too (librealsense #13824).
+OF_REALSENSE = ("Brown Conrady", "Inverse Brown Conrady")
 # In names of models that bend straight lines even where all coefficients are 0.
 NO_PINHOLE = ("equidistant", "fisheye", "kannala", "omni", "theta")
 # A rectification that turns by less moves no pixel by one.
@@ -131,7 +133,7 @@ def lenses(
                 "the camera is not calibrated: its focal length is 0", "calibrate it, or give camera.fx"
             )
     model = info.distortion_model
-    unknown = bent.any() and (model not in UNDISTORTED or len(bent) not in (4, 5, 8))
+    unknown = bent.any() and (model not in (*UNDISTORTED, *OF_REALSENSE) or len(bent) not in (4, 5, 8))
     if raw and (unknown or any(word in model.lower() for word in NO_PINHOLE)):
         problem = f"its lens is {model!r} with {len(bent)} numbers"
         raise spot.refusal(problem, f"record the rectified image, or {' or '.join(UNDISTORTED[1:])}")

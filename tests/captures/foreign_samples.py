@@ -181,7 +181,7 @@ class Ros:
 
 def bag(path: Path, shot: Frames, how: Ros, moved: Motion | None = None) -> Path:
     """A bag with colour, depth, calibration, a tool's pose, and tf of that tool and of the camera."""
-    make = _Messages(how)
+    make = Messages(how)
     rows: list[tuple[int, str, Any]] = []
     stamps = shot.ns[::-1] if how.backwards else shot.ns
     color, depth = (how.root + topic for topic in how.topics)
@@ -214,7 +214,7 @@ def _write(path: Path, rows: list[tuple[int, str, Any]], how: Ros) -> None:
             writer.write(topics[topic], ns, data)
 
 
-class _Messages:
+class Messages:
     """ROS messages of both generations."""
 
     def __init__(self, how: Ros) -> None:

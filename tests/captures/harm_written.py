@@ -11,6 +11,7 @@ import numpy as np
 from captures import foreign_samples as foreign
 from captures.foreign_samples import Frames, Ros
 from captures.harm import Damage, Rng
+from captures.realsense_samples import COLOR, DEPTH, UNITS, realsense
 
 
 def written_bag(kind: str, name: str) -> Damage:
@@ -63,4 +64,28 @@ def written_kinect(place: Path, rng: Rng) -> str:
         said, shot = "time stands still", replace(shot, ns=[shot.ns[0]] * 2)
     (place / "source.mkv").unlink()
     foreign.kinect(place / "source.mkv", shot, attached, tracks)
+    return said
+
+
+def written_realsense(place: Path, rng: Rng) -> str:
+    shot = foreign.frames()
+    dark_depth = shot.depth.copy()
+    dark_depth[0] = 0
+    apart = np.eye(4)
+    apart[0, 3] = np.nan
+    cases: list[tuple[str, dict[str, Any]]] = [
+        (f"no {topic}", {"lacking": [topic]})
+        for topic in (UNITS, f"{COLOR}/tf", f"{DEPTH}/tf", f"{COLOR}/info", f"{DEPTH}/info", COLOR, DEPTH)
+    ]
+    cases += [
+        ("color is mono8", {"how": Ros(color="mono8")}),
+        ("a lens that is not known", {"how": Ros(model="Kannala Brandt4", distortion=(0.1,) * 5)}),
+        ("the color camera stands nowhere", {"color_from_depth": apart}),
+        ("time stands still", {"shot": replace(shot, ns=[shot.ns[0]] * 2 + shot.ns[2:])}),
+        ("depth of frame 0 is zero", {"shot": replace(shot, depth=dark_depth)}),
+        ("depth is half the size", {"shot": replace(shot, depth=shot.depth[:, ::2, ::2])}),
+    ]
+    said, how = cases[int(rng.integers(len(cases)))]
+    (place / "source.bag").unlink()
+    realsense(place / "source.bag", **({"shot": shot} | how))
     return said

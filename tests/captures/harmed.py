@@ -30,7 +30,8 @@ from captures.harm import (
     truncated,
     without_key,
 )
-from captures.harm_written import written_bag, written_kinect
+from captures.harm_written import written_bag, written_kinect, written_realsense
+from captures.realsense_samples import realsense
 from chain.tubes import Scene, wave, write_capture
 
 from dlolib.o3d import open3d
@@ -97,6 +98,11 @@ def _kinect(place: Path) -> None:
     _about(place)
     shot = foreign.frames(2, foreign.KINECT_WIDTH, foreign.KINECT_HEIGHT)
     foreign.kinect(place / "source.mkv", shot, foreign.calibration())
+
+
+def _realsense(place: Path) -> None:
+    _about(place)
+    realsense(place / "source.bag", foreign.frames())
 
 
 def _clouds(place: Path) -> None:
@@ -217,6 +223,7 @@ KINDS: dict[str, Kind] = {
         "source", _bag("mcap"), (truncated("source/*"), written_bag("mcap", "source"), bag_metadata, *IN_BAG)
     ),
     "kinect": Kind("source.mkv", _kinect, (truncated("source.mkv"), written_kinect, *ABOUT)),
+    "realsense": Kind("source.bag", _realsense, (truncated("source.bag"), written_realsense, *ABOUT)),
     "clouds": Kind(
         "source",
         _clouds,

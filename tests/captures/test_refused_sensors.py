@@ -11,7 +11,6 @@ import cv2
 import numpy as np
 import pytest
 from captures import foreign_samples as foreign
-from captures.foreign_samples import Ros
 from captures.refusals import Refusals
 
 from dlolib.captures.cloud_folder import read_cloud
@@ -64,12 +63,6 @@ def test_truncated_kinects(tmp_path: Path, refused: Refusals) -> None:
         spoilt[at : at + 4] = b"\xff\x00\x81\x7f"
         path.write_bytes(bytes(spoilt))
         refused.status(path)
-
-
-def test_a_realsense_recording_that_librealsense_cannot_read(tmp_path: Path, refused: Refusals) -> None:
-    """No public writer of RealSense's bags exists, so that only the refusal can be tested here."""
-    source = foreign.bag(tmp_path / "source.bag", foreign.frames(), Ros(root="/device_0/sensor_0"))
-    refused(source, "source.bag: streams: librealsense cannot read it")
 
 
 def clouds(folder: Path, name: str = "000000.ply") -> Path:
