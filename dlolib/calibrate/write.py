@@ -11,6 +11,7 @@ import numpy as np
 
 from dlolib.calibrate.hand_eye import HandEye
 from dlolib.calibrate.standing import FoundObstacle
+from dlolib.errors import FormatError
 from dlolib.files import write_json
 from dlolib.formats import read_capture_index
 from dlolib.formats._json import read_json
@@ -37,12 +38,16 @@ def put_into_capture(
     All else in the file stays as it is; the capture is read back and must be whole.
 
     Raises:
-        FormatError: no capture.
+        FormatError: no capture, or its camera is no object.
     """
     path = Path(folder) / "capture.json"
     content = read_json(path, FORM)
     if world_from_camera is not None:
-        content["camera"] = content.get("camera", {}) | {"world_from_camera": world_from_camera.tolist()}
+        camera = content.get("camera", {})
+        if not isinstance(camera, dict):
+            mend = "give width, height, fx, fy, cx, cy and depth_scale"
+            raise FormatError(f"is {json.dumps(camera)[:40]}", file=path, place="camera", mend=mend)
+        content["camera"] = camera | {"world_from_camera": world_from_camera.tolist()}
     if obstacles:
         content["obstacles"] = [obstacle_json(found) for found in obstacles]
     before = path.read_bytes()

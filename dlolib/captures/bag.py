@@ -52,6 +52,11 @@ class Bag:
         assert self._reader is not None
         return {connection.topic: connection.msgtype for connection in self._reader.connections}
 
+    def count(self, topic: str) -> int:
+        """How many messages of a topic the bag promises."""
+        assert self._reader is not None
+        return sum(one.msgcount for one in self._reader.connections if one.topic == topic)
+
     def messages(self, topics: Sequence[str]) -> Iterator[tuple[str, int, int, Any]]:
         """Topic, number within the topic, time of logging [ns] and content of each message, in logged order.
 
@@ -75,7 +80,7 @@ class Bag:
             yield connection.topic, counts[connection.topic], logged_ns, message
             counts[connection.topic] += 1
         for topic in topics:
-            promised = sum(connection.msgcount for connection in chosen if connection.topic == topic)
+            promised = self.count(topic)
             if counts[topic] != promised:
                 problem = f"is truncated: {counts[topic]} messages where it promises {promised}"
                 raise FormatError(problem, file=self.path, place=topic, mend="record or copy it again")

@@ -93,12 +93,12 @@ def _format(source: Path) -> type[Foreign] | None:
     """The format of a recording made elsewhere; None for a capture folder, also where it is damaged.
 
     Raises:
-        FormatError: a file in no known format.
+        FormatError: a file, or a folder that is no capture, in no known format.
     """
     if source.is_dir() and (source / "frames.csv").is_file():
         return None
     found = next((kind for kind in FORMATS if kind.matches(source)), None)
-    if found is None and source.is_file():
+    if found is None and source.exists() and not (source / "capture.json").is_file():
         known = "; ".join(kind.kind for kind in FORMATS)
         raise FormatError(
             "is in no known format", file=source, mend=f"give a capture folder, or one of: {known}"

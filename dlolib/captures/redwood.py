@@ -18,6 +18,8 @@ from dlolib.captures.plausible import unpaired
 from dlolib.errors import FormatError
 
 DEPTH_SCALE, HUGE = 1000.0, 1e300
+# Weeks at any rate.
+MOST_IMAGES = 10**8
 IMAGES = (".png", ".jpg", ".jpeg")
 COLOR = ("color", "rgb", "image")
 INTRINSICS = ("intrinsic.json", "camera_intrinsic.json", "intrinsics.json", "camera_intrinsics.json")
@@ -117,8 +119,12 @@ def at_rate(number: int, rate_hz: float | None, asked_in: Path, what: Path) -> f
     """The time [s] of the image of this number.
 
     Raises:
-        FormatError: the rate is not known.
+        FormatError: the rate is not known, or the number is none of an image but a time.
     """
+    if number > MOST_IMAGES:
+        problem = f"its name looks like a time, and not like the number {number} of an image"
+        mend = "name images as 0000001-000000033333.png, by number and microseconds"
+        raise FormatError(problem, file=what, mend=mend)
     if rate_hz is None:
         problem = f"when {what.name} was taken is not recorded"
         raise FormatError(problem, file=asked_in, place="rate_hz", mend="add the frames per second")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -152,8 +152,10 @@ def _images(bag: Bag, named: Mapping[str, str]) -> dict[Role, str]:
         elif len(topics) == 1:
             chosen[role] = topics[0]
         else:
-            problem = f"{len(topics)} topics can be {role}" if topics else f"no topic has images of {role}"
-            mend = f"name one: --topic {role}=NAME, of {', '.join(topics)}" if topics else "record one"
+            problem = f"{len(topics)} topics can be {role}"
+            if not topics:
+                problem = f"no topic has images of {role}{_encodings(bag, types)}"
+            mend = f"name one: --topic {role}=NAME, of {', '.join(topics)}" if topics else _record(role)
             raise FormatError(problem, file=bag.path, place=role, mend=mend)
     sensors = {found["sensor"] for topic in chosen.values() if (found := OF_A_SENSOR.match(topic))}
     if len(sensors) > 1:
@@ -163,8 +165,21 @@ def _images(bag: Bag, named: Mapping[str, str]) -> dict[Role, str]:
     return chosen
 
 
+def _encodings(bag: Bag, topics: Iterable[str]) -> str:
+    """How the images of some topics are stored, to be read after what they are not."""
+    kinds = bag.types
+    images = [name for name in sorted(topics) if kinds.get(name) in (ros_images.IMAGE, ros_images.COMPRESSED)]
+    said = [f"{name} has {ros_images.encoding(bag.first(name))!r}" for name in images if bag.count(name)]
+    return f": {', '.join(said)}" if said else ""
+
+
+def _record(role: Role) -> str:
+    kinds = ros_images.COLORS if role == "color" else (*ros_images.MILLIMETRES, ros_images.METRES)
+    return f"record one with {', '.join(kinds)}"
+
+
 def _unknown(bag: Bag, role: str, name: str, topics: list[str]) -> FormatError:
-    problem = f"no topic of {role}"
+    problem = f"no topic of {role}{_encodings(bag, [name])}"
     mend = f"choose from {', '.join(sorted(topics)) or 'none: the bag has no such topic'}"
     return FormatError(problem, file=bag.path, place=f"--topic {role}={name}", mend=mend)
 
@@ -202,7 +217,11 @@ def _rectified(topics: Mapping[Role, str]) -> dict[Role, bool]:
     names: dict[Role, str] = {role: _untransported(topic) for role, topic in topics.items()}
     if ALIGNED in names["depth"] and names["color"].endswith(OF_A_DRIVER):
         names["depth"] = names["color"]
-    return {role: "rect" in name.rsplit("/", 1)[-1].split("_") for role, name in names.items()}
+    return {role: _says_rectified(name) for role, name in names.items()}
+
+
+def _says_rectified(name: str) -> bool:
+    return any(word.startswith("rect") for word in name.rsplit("/", 1)[-1].split("_"))
 
 
 def _depth_scale(bag: Bag, topics: Mapping[Role, str], given: Given) -> float:

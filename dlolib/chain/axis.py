@@ -12,7 +12,7 @@ from scipy.ndimage import minimum_filter1d
 from dlolib.chain.anchor import Anchor
 from dlolib.chain.centre import tangents
 from dlolib.chain.lift import Strand
-from dlolib.chain.order import length
+from dlolib.chain.order import LONGER, length
 from dlolib.types import Floats, Ints
 
 BRIDGE_STEP_M = 0.002
@@ -24,8 +24,9 @@ LONG_SHARE, TO_AND_FRO = 3e-4, 0.4
 LARGEST_MISFIT, LARGEST_BRIDGE_MISFIT = 0.03, 0.33
 # A free tip may be out of sight: more than so many deviations of what was seen is no error of measurement.
 SURE = 3.0
-# By so much a rope may be longer than it is said to be; what is longer still is not that rope alone.
-LONGER = 0.1
+# By so much a rope of which both tips are free may be shorter than it is said to be; of what is shorter still
+# a tip is out of sight, and where arc length begins nobody knows.
+SHORTER = 0.1
 BACK_SAMPLES = 10
 ALONG = 0.5
 
@@ -51,9 +52,12 @@ class Axis:
     sigma_m: Floats | None = None
 
     def counts(self, ends_held: int, length_m: float) -> bool:
-        """Whether this can be the rope: from held end to held end it is all there; elsewhere a tip may be out
-        of sight, but there is hardly more of it than the known length."""
-        return self.fitted or (ends_held < 2 and self.measured_m <= (1 + LONGER) * length_m)
+        """Whether this can be the rope: from held end to held end it is all there; from one that is held the
+        tip may be out of sight, but there is hardly more of it than the known length."""
+        least = {0: (1 - SHORTER) * length_m, 1: 0.0}
+        return self.fitted or (
+            ends_held < 2 and least[ends_held] <= self.measured_m <= (1 + LONGER) * length_m
+        )
 
 
 def assemble(

@@ -17,7 +17,7 @@ from dlolib.types import Camera, CaptureIndex, Floats
 
 # A window in which a rope that runs through its middle is in the minority, in widths of the rope.
 WINDOW_WIDTHS = 3.0
-UNKNOWN_WIDTH_PX, LARGEST_WINDOW_PX = 12.0, 101
+UNKNOWN_WIDTH_PX, LARGEST_WINDOW_PX = 12.0, 255
 LEAST_DIFFERENCE, LEAST_PX = 12.0, 20
 WEAK = 0.5
 RING_PX, EDGE_PX = 9, 5

@@ -9,7 +9,7 @@ import numpy as np
 
 from dlolib.captures.base import Source
 from dlolib.chain.clock import clocks_apart
-from dlolib.chain.frame import FrameChain
+from dlolib.chain.frame import MOST_UNORDERED, FrameChain
 from dlolib.chain.many import chains_of
 from dlolib.chain.settings import ChainSettings
 from dlolib.chain.uncertainty import noise_of
@@ -25,17 +25,18 @@ MOST_NAMED = 8
 # A rope of which so much is seen between two held ends has another length than was said where all frames
 # agree in it to so much and it is so far off: shares of its length.
 WHOLE, SAME, OTHER = 0.95, 0.003, 0.01
+UNTANGLE = "record it with fewer crossings, or with less else in view"
 POSES = "check camera.world_from_camera, motion.csv and its clock"
 # A rope that leaves its clamp as logged does so within this, bent as it may be; one that is as wide as was
-# said looks so within these factors, where it is so many pixels wide.
+# said looks so within these factors, where it is, or should be, so many pixels wide.
 ANOTHER_WAY_RAD = 1.0
 LEAST_WIDE, MOST_WIDE, WIDE_ENOUGH_PX = 0.6, 1.5, 4.0
 
 
 @dataclass(frozen=True)
 class ChainResult:
-    """The recording, the chain of each frame, and how they were found. The recording has no points of frames
-    whose chain does not count.
+    """The recording, the chain of each frame that shows a rope, how they were found, and how many frames show
+    none. The recording has no points of frames whose chain does not count.
 
     clocks_apart_s: by how much later than logged the held ends were taken to be where they were logged; the
     recording's own clocks stay.
@@ -45,20 +46,21 @@ class ChainResult:
     frames: tuple[FrameChain, ...]
     settings: ChainSettings
     clocks_apart_s: float
+    without_rope: int = 0
 
     def metrics(self) -> Mapping[str, float | int]:
         """Figures of the whole: lengths in m, shares of 1."""
         lengths = np.array([frame.measured_m for frame in self.frames])
         spacing = np.concatenate([_spacing_errors(frame) for frame in self.frames])
         return {
-            "frames": len(self.frames),
+            "frames": len(self.frames) + self.without_rope,
             "points": len(self.recording.points.s_m),
             "seen_share_mean": float(np.mean([frame.seen_share for frame in self.frames])),
             "seen_share_min": float(min(frame.seen_share for frame in self.frames)),
             "measured_length_mean_m": float(lengths.mean()),
             "measured_length_sd_m": float(lengths.std()),
             "frames_at_known_length": sum(frame.fitted for frame in self.frames),
-            "frames_left_out": sum(not frame.counts for frame in self.frames),
+            "frames_left_out": self.without_rope + sum(not frame.counts for frame in self.frames),
             "spacing_error_max": float(np.abs(spacing).max(initial=0.0)),
             "clocks_apart_s": self.clocks_apart_s,
             "depth_scatter_m": float(np.median([frame.depth_scatter_m for frame in self.frames])),
@@ -76,7 +78,7 @@ def extract_chain(source: Source, settings: ChainSettings | None = None) -> Chai
         The recording, whose points are ordered by frame and arc length, and the frames' own chains.
 
     Raises:
-        ChainError: a frame shows no rope, or none has one of the known length; names capture, frame and mend.
+        ChainError: no frame shows a rope, or none has one of the known length; names capture, frame and mend.
         FormatError: a frame cannot be read.
     """
     settings = settings or ChainSettings()
@@ -85,13 +87,24 @@ def extract_chain(source: Source, settings: ChainSettings | None = None) -> Chai
         late_s += more_s
         index = _later(source.index, late_s)
         frames = track(source.frames(), f"chain of {index.name}", len(index.frame))
-        chains = chains_of(frames, index, settings)
+        found = chains_of(frames, index, settings)
+        chains = found.chains
+        if not chains:
+            raise found.refused[0]
         more_s = clocks_apart(chains, index)
         if more_s == 0.0:
             break
-    say(_doubts(chains, source.index))
-    counted = [chain for chain in chains if chain.counts]
-    return ChainResult(_recording(source.index, counted, settings), tuple(chains), settings, late_s)
+    say([*_without_rope(found.refused, index.name), *_doubts(chains, source.index)])
+    recording = _recording(source.index, [chain for chain in chains if chain.counts], settings)
+    return ChainResult(recording, tuple(chains), settings, late_s, len(found.refused))
+
+
+def _without_rope(refused: Sequence[ChainError], name: str) -> Iterator[str]:
+    """The frames that show no rope, and what is wrong with the first."""
+    if refused:
+        more = len(refused) - 1
+        others = f", and {more} more frame{'s' * (more > 1)} like it" if more else ""
+        yield f"{name}: left out: {refused[0]}{others}"
 
 
 def _doubts(chains: Sequence[FrameChain], index: CaptureIndex) -> Iterator[str]:
@@ -106,6 +119,9 @@ def _doubts(chains: Sequence[FrameChain], index: CaptureIndex) -> Iterator[str]:
     astray = list(_astray(chains))
     if astray and len(lost) == len(chains):
         raise ChainError(f"{index.name}: {astray[0]}", place="camera.world_from_camera", mend=POSES)
+    tangled = [chain for chain in lost if chain.unordered_m > MOST_UNORDERED * known]
+    if len(tangled) == len(chains):
+        raise ChainError(f"{index.name}: {_tangled(tangled)}", place="chain", mend=UNTANGLE)
     if len(lost) == len(chains):
         raise ChainError(
             f"{index.name}: the rope is {known:.3f} m long, and in every frame {_lengths(lost)}",
@@ -124,10 +140,15 @@ def _doubts(chains: Sequence[FrameChain], index: CaptureIndex) -> Iterator[str]:
         measured_m = float(np.median([chain.measured_m for chain in chains]))
         says = f"every frame measures {measured_m:.3f} m, object.length_m says {known:.3f} m"
         yield f"{index.name}: {says}; correct it, or the camera's optics"
+    if tangled:
+        yield f"{index.name}: {_tangled(tangled)}; left out, {UNTANGLE}"
+        lost = [chain for chain in lost if chain.unordered_m <= MOST_UNORDERED * known]
     if lost:
         free = "free" in (index.ends.start, index.ends.end)
         elsewhere = ", so its held ends were elsewhere then, or a part of it was not seen"
-        why = ", so something else is taken for a part of it" if free else elsewhere
+        unseen = all(chain.measured_m < known for chain in lost)
+        why = f", so {'a tip was not seen' if unseen else 'something else is taken for a part of it'}"
+        why = why if free else elsewhere
         says = f"the rope is {known:.3f} m long, and {_named(lost)}{why}"
         yield f"{index.name}: {says}; left out, look at sheet.png"
     off = [chain for chain in chains if chain.counts and not chain.fitted]
@@ -171,8 +192,14 @@ def _turned(chains: Sequence[FrameChain], index: CaptureIndex) -> Iterator[str]:
 def _has_another_width(chains: Sequence[FrameChain], index: CaptureIndex) -> Iterator[str]:
     """A diameter that the pictures do not bear out: the axis is put half of it behind the skin."""
     known = index.rope.diameter_m
-    wide = [chain.width_m for chain in chains if chain.width_px >= WIDE_ENOUGH_PX]
-    if known is None or len(wide) <= len(chains) / 2:
+    if known is None:
+        return
+    wide = [
+        chain.width_m
+        for chain in chains
+        if chain.width_px * max(1.0, known / chain.width_m) >= WIDE_ENOUGH_PX
+    ]
+    if len(wide) <= len(chains) / 2:
         return
     looks = float(np.median(wide))
     if not LEAST_WIDE * known < looks < MOST_WIDE * known:
@@ -185,11 +212,20 @@ def _lengths(chains: Sequence[FrameChain]) -> str:
     return f"{' to '.join(dict.fromkeys(told))} m were measured"
 
 
+def _tangled(chains: Sequence[FrameChain]) -> str:
+    frames = _frames(chains)
+    return f"more stretches of rope are seen than can be put in order in frame{frames}"
+
+
 def _named(chains: Sequence[FrameChain]) -> str:
+    return f"{_lengths(chains)} in frame{_frames(chains)}"
+
+
+def _frames(chains: Sequence[FrameChain]) -> str:
+    """The first of these frames, to be read after "frame"."""
     frames = ", ".join(str(chain.frame) for chain in chains[:MOST_NAMED])
     more = len(chains) - MOST_NAMED
-    many = f"s {frames}" if len(chains) > 1 else f" {frames}"
-    return f"{_lengths(chains)} in frame{many}" + (f" and {more} more" if more > 0 else "")
+    return f"{'s' * (len(chains) > 1)} {frames}" + (f" and {more} more" if more > 0 else "")
 
 
 def _later(index: CaptureIndex, late_s: float) -> CaptureIndex:

@@ -16,14 +16,17 @@ from dlolib.chain.greedy import greedy_chain
 from dlolib.chain.held import astray, turned
 from dlolib.chain.join import from_held_ends, joined, may_be_joined
 from dlolib.chain.lift import Strand, centred, lift
-from dlolib.chain.order import in_order
+from dlolib.chain.order import in_order, unordered_m
 from dlolib.chain.segment import coverage, segment
 from dlolib.chain.settings import ChainSettings
 from dlolib.chain.skeleton import centre_lines
 from dlolib.chain.uncertainty import covariances
 from dlolib.chain.view import View
 from dlolib.errors import ChainError
-from dlolib.types import CaptureIndex, Floats
+from dlolib.types import CaptureIndex, Floats, Rope
+
+# Where so much of the rope's length was more than can be put in order, another order may be the right one.
+MOST_UNORDERED = 0.1
 
 
 @dataclass(frozen=True)
@@ -35,12 +38,13 @@ class FrameChain:
     measured, hidden stretches bridged; fitted: whether it agreed with the rope's length, so that s_m was
     brought to it; seen_share of the rope's length; depth_scatter_m, of single readings about the axis.
     covariance_m2 (K, 3, 3) of the points, but of a cloud's. counts: False where both ends are held and the
-    length between them is not the rope's, or it is longer: something else was taken for it, or a part of it
-    left out. astray_m: how far from the rope the start and the end were logged, 0 where it agrees or cannot
-    be told. turned_rad: by how much the rope leaves them in another direction than is logged, NaN where that
-    is not seen. width_m: how wide the rope looks, and how many pixels that is. skin_m: about how far before
-    the axis the points lie, 0 where the rope's radius is known. tips_m (2, 3): where what is seen of the rope
-    begins and ends, wherever the held ends were logged.
+    length between them is not the rope's, where it is longer, or shorter with both ends free, or in more
+    pieces than can be put in order (unordered_m, the length of those left): something else was taken for it,
+    or a part of it left out. astray_m: how far from the rope the start and the end were logged, 0 where it
+    agrees or cannot be told. turned_rad: by how much the rope leaves them in another direction than is
+    logged, NaN where that is not seen. width_m: how wide the rope looks, and how many pixels that is. skin_m:
+    about how far before the axis the points lie, 0 where the rope's radius is known. tips_m (2, 3): where
+    what is seen of the rope begins and ends, wherever the held ends were logged.
     """
 
     frame: int
@@ -57,6 +61,7 @@ class FrameChain:
     depth_scatter_m: float
     covariance_m2: Floats | None = None
     counts: bool = True
+    unordered_m: float = 0.0
     astray_m: tuple[float, float] = (0.0, 0.0)
     skin_m: float = 0.0
     turned_rad: tuple[float, float] = (np.nan, np.nan)
@@ -84,7 +89,7 @@ def chain_frame(
     lines, width = centre_lines(view.mask)
     start, end = anchors(frame, index)
     before = None if previous is None else _camera(previous.line_m, index)
-    strands = _strands(lines, width, view, (start, end), before, index.rope.radius_m, settings)
+    strands, more_m = _strands(lines, width, view, (start, end), before, index.rope, settings)
     if not strands:
         raise _no_rope(frame, "nothing in it is long and narrow and has depth")
     tips = _world(np.array([strands[0].points_m[0], strands[-1].points_m[-1]]), index)
@@ -93,7 +98,7 @@ def chain_frame(
     axis = assemble(strands, start, end, index.rope.length_m, settings.bridge_m, settings.smooth_m)
     held = (start is not None) + (end is not None)
     whole = index.rope.length_m if axis.fitted or held else float(axis.s_m[-1])
-    share = _seen_share(axis, whole)
+    share = _seen_share(axis, index.rope.length_m)
     if share < settings.min_seen:
         raise _no_rope(frame, f"only {share:.0%} of the rope is seen")
     s_m, points, pixel = greedy_chain(axis, whole / (settings.points - 1), settings.points)
@@ -115,7 +120,8 @@ def chain_frame(
         share,
         scatter,
         None if axis.sigma_m is None else _turned(covariances(axis, s_m, points, index.rope, skin_m), index),
-        axis.counts(held, index.rope.length_m),
+        axis.counts(held, index.rope.length_m) and more_m <= MOST_UNORDERED * index.rope.length_m,
+        more_m,
         astray(strands, start, end, view, skin_m),
         skin_m,
         turned(strands, start, end, skin_m),
@@ -131,18 +137,22 @@ def _strands(
     view: View,
     ends: tuple[Anchor | None, Anchor | None],
     before_m: Floats | None,
-    radius_m: float,
+    rope: Rope,
     settings: ChainSettings,
-) -> list[Strand]:
-    """What was seen of the rope, in order. How a cut skeleton goes on, a first and rough look tells."""
+) -> tuple[list[Strand], float]:
+    """What was seen of the rope, in order, and the length [m] of what was more than can be put in order. How
+    a cut skeleton goes on, a first and rough look tells."""
     lines = [*lines, *from_held_ends(lines, width, view, *ends)]
-    grids = centred(lines, width, view, radius_m, settings)
+    grids = centred(lines, width, view, rope.radius_m, settings)
     if len(grids) > 1 and may_be_joined(grids, width, view, *ends):
-        rough = in_order(lift(grids, width, view, radius_m, settings, fine=False), *ends, before_m)
+        some = lift(grids, width, view, rope.radius_m, settings, fine=False)
+        rough = in_order(some, *ends, rope.length_m, before_m)
         on = joined(rough, width, view, *ends) if rough else None
         if on is not None:
-            return lift(centred(on, width, view, radius_m, settings), width, view, radius_m, settings)
-    return in_order(lift(grids, width, view, radius_m, settings), *ends, before_m)
+            grids = centred(on, width, view, rope.radius_m, settings)
+            return lift(grids, width, view, rope.radius_m, settings), unordered_m(some)
+    some = lift(grids, width, view, rope.radius_m, settings)
+    return in_order(some, *ends, rope.length_m, before_m), unordered_m(some)
 
 
 def _view(frame: Frame, index: CaptureIndex, settings: ChainSettings) -> View:
@@ -194,5 +204,5 @@ def _no_rope(frame: Frame, why: str) -> ChainError:
         f"no rope found: {why}",
         file=frame.file,
         place=f"frame {frame.frame}",
-        mend="remove the frame from frames.csv, or set the block chain",
+        mend="remove the frame, or say what the rope is: give rope_color_hsv, a background or a mask",
     )

@@ -6,6 +6,7 @@ import multiprocessing
 from collections import deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Future
+from dataclasses import dataclass, field
 from itertools import islice
 
 import cv2
@@ -26,35 +27,72 @@ STRETCH, AHEAD = 24, 1
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
 Stretch = list[Frame]
-Guesses = list[FrameChain]
+Guesses = list[FrameChain | None]
 
 
-def chains_of(frames: Iterable[Frame], index: CaptureIndex, settings: ChainSettings) -> list[FrameChain]:
-    """The chain of every frame of a capture, each found with the one before it at hand.
+@dataclass
+class Found:
+    """The chains of the frames that show a rope, in their order, and what was said of the others."""
+
+    chains: list[FrameChain] = field(default_factory=list)
+    refused: list[ChainError] = field(default_factory=list)
+    last: FrameChain | None = None
+    """The last chain that counts: from it the next goes on."""
+
+    def see(self, frame: Frame, index: CaptureIndex, settings: ChainSettings) -> None:
+        """Find the chain of the next frame."""
+        try:
+            self.take(chain_frame(frame, index, settings, self.last))
+        except ChainError as error:
+            self.refused.append(error)
+
+    def take(self, chain: FrameChain) -> None:
+        """The next frame's chain is this one."""
+        self.chains.append(chain)
+        self.last = following(self.last, chain)
+
+
+@dataclass(frozen=True)
+class Waiting:
+    """A stretch whose chains another process guesses, as if `before` were the last that counts before the
+    first of so many frames that are looked at again, and then the stretch."""
+
+    stretch: Stretch
+    before: FrameChain | None
+    again: int
+    guesses: Future[Guesses]
+
+
+def chains_of(frames: Iterable[Frame], index: CaptureIndex, settings: ChainSettings) -> Found:
+    """The chain of every frame of a capture, each found with the last that counts at hand.
 
     Raises:
-        ChainError: a frame shows no rope.
         FormatError: a frame cannot be read.
     """
-    found: list[FrameChain] = []
+    found = Found()
     cores = cpu_count()
     if cores == 1 or len(index.frame) < MANY or multiprocessing.parent_process() is not None:
         for frame in frames:
-            found.append(chain_frame(frame, index, settings, found[-1] if found else None))
+            found.see(frame, index, settings)
         return found
     # A process of loky's does not run the program's own file again, as others would.
     with ProcessPoolExecutor(cores, initializer=cv2.setNumThreads, initargs=(1,), env=ONE_THREAD) as pool:
-        waiting: deque[tuple[Stretch, Future[Guesses]]] = deque()
+        waiting: deque[Waiting] = deque()
         last: Stretch = []
         for stretch in _stretches(frames):
-            before = found[-1] if found else None
-            waiting.append((stretch, pool.submit(_guessed, [*last, *stretch], before, index, settings)))
+            guesses = pool.submit(_guessed, [*last, *stretch], found.last, index, settings)
+            waiting.append(Waiting(stretch, found.last, len(last), guesses))
             last = stretch[-1:]
             if len(waiting) > AHEAD * cores:
-                _settle(*waiting.popleft(), found, index, settings)
+                _settle(waiting.popleft(), found, index, settings)
         while waiting:
-            _settle(*waiting.popleft(), found, index, settings)
+            _settle(waiting.popleft(), found, index, settings)
     return found
+
+
+def following(before: FrameChain | None, chain: FrameChain) -> FrameChain | None:
+    """What the next frame goes on from: a chain for which something else was taken tells nothing."""
+    return chain if chain.counts else before
 
 
 def _stretches(frames: Iterable[Frame]) -> Iterator[Stretch]:
@@ -66,34 +104,31 @@ def _stretches(frames: Iterable[Frame]) -> Iterator[Stretch]:
 def _guessed(
     frames: Stretch, before: FrameChain | None, index: CaptureIndex, settings: ChainSettings
 ) -> Guesses:
-    """Chains of frames that follow each other, as if `before` were the chain before them; up to one that
-    shows no rope."""
+    """Chains of frames that follow each other, as if `before` were the chain before them; None where one
+    shows no rope. With the right chain before it, it may show one: who asked will see."""
     found: Guesses = []
-    try:
-        for frame in frames:
-            before = chain_frame(frame, index, settings, before)
-            found.append(before)
-    except ChainError:
-        # With the right chain before it, it may show one: who asked will see.
-        pass
+    for frame in frames:
+        try:
+            chain = chain_frame(frame, index, settings, before)
+        except ChainError:
+            found.append(None)
+        else:
+            found.append(chain)
+            before = following(before, chain)
     return found
 
 
-def _settle(
-    stretch: Stretch,
-    guesses: Future[Guesses],
-    found: list[FrameChain],
-    index: CaptureIndex,
-    settings: ChainSettings,
-) -> None:
-    """Append the chains of a stretch to what was found: guesses hold that were made after the right chain."""
-    made = iter(guesses.result())
-    assumed = next(made, None) if found else None
-    for frame in stretch:
-        before, guess = found[-1] if found else None, next(made, None)
-        right = guess is not None and _same(before, assumed)
-        found.append(guess if guess and right else chain_frame(frame, index, settings, before))
-        assumed = guess
+def _settle(waited: Waiting, found: Found, index: CaptureIndex, settings: ChainSettings) -> None:
+    """Add the chains of a stretch to what was found: guesses hold that were made after the right chain."""
+    made, assumed = waited.guesses.result(), waited.before
+    for guess in made[: waited.again]:
+        assumed = assumed if guess is None else following(assumed, guess)
+    for frame, guess in zip(waited.stretch, made[waited.again :], strict=True):
+        if guess is not None and _same(found.last, assumed):
+            found.take(guess)
+        else:
+            found.see(frame, index, settings)
+        assumed = assumed if guess is None else following(assumed, guess)
 
 
 def _same(one: FrameChain | None, other: FrameChain | None) -> bool:

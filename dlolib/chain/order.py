@@ -11,23 +11,30 @@ from dlolib.types import Floats
 MOST_STRANDS = 8
 TURN_M = 0.05
 SKIP = 2.0
+# By so much a rope may be longer than it is said to be; what is longer still is not that rope alone.
+LONGER = 0.1
 DIRECTION_SAMPLES = 10
 BLUR_M = 0.004
 NEAR_BEFORE_M, AGAINST_M = 0.03, 0.03
 
 
 def in_order(
-    strands: list[Strand], start: Anchor | None, end: Anchor | None, before_m: Floats | None = None
+    strands: list[Strand],
+    start: Anchor | None,
+    end: Anchor | None,
+    length_m: float,
+    before_m: Floats | None = None,
 ) -> list[Strand]:
     """Order the strands along the rope and turn each to run from start to end.
 
     The best order is found exactly (the Held-Karp recursion over subsets): least total of what lies
     between, counted as the distance plus a price for turning, where leaving a strand out costs twice its
-    length. The held ends are known; with both ends free the direction is arbitrary. Where the rope was a
-    frame ago (a line before_m (M, 3), from start to end) settles what else is nearly even: to run along a
-    strand against it costs a little. All are in the same axes.
+    length; but of what is longer than the rope (length_m) together, some is not of it, and so does what is
+    taken too much. The held ends are known; with both ends free the direction is arbitrary. Where the rope
+    was a frame ago (a line before_m (M, 3), from start to end) settles what else is nearly even: to run along
+    a strand against it costs a little. All are in the same axes.
     """
-    strands = sorted(strands, key=length, reverse=True)[:MOST_STRANDS]
+    strands = _longest(strands)[:MOST_STRANDS]
     if not strands:
         return []
     places, outward = _tips(strands)
@@ -45,8 +52,17 @@ def in_order(
     against = _against(places, before_m)
     closing = [price + wrong for price, wrong in zip(closing, against, strict=True)]
     between += against[:, None]
-    exits = _held_karp(between, opening, closing, [SKIP * length(strand) for strand in strands])
+    exits = _held_karp(between, opening, closing, _misses([length(strand) for strand in strands], length_m))
     return [strands[e // 2] if e % 2 else strands[e // 2].turned() for e in exits]
+
+
+def unordered_m(strands: list[Strand]) -> float:
+    """Length [m] of the strands that are more than can be put in order."""
+    return sum(length(strand) for strand in _longest(strands)[MOST_STRANDS:])
+
+
+def _longest(strands: list[Strand]) -> list[Strand]:
+    return sorted(strands, key=length, reverse=True)
 
 
 def length(strand: Strand) -> float:
@@ -92,15 +108,23 @@ def _price(here: Floats, heading: Floats, there: Floats, arriving: Floats) -> fl
     return float(np.linalg.norm(gap)) + TURN_M * turning
 
 
-def _held_karp(between: Floats, opening: list[float], closing: list[float], skip: list[float]) -> list[int]:
+def _misses(lengths_m: list[float], length_m: float) -> list[float]:
+    """Price [m] of taking each set of strands, a bit each: what it lacks, or has too much."""
+    taken = [
+        sum(one for k, one in enumerate(lengths_m) if used >> k & 1) for used in range(1 << len(lengths_m))
+    ]
+    whole = min(taken[-1], (1 + LONGER) * length_m)
+    return [SKIP * abs(whole - one) for one in taken]
+
+
+def _held_karp(between: Floats, opening: list[float], closing: list[float], misses: list[float]) -> list[int]:
     """The tips through which the strands are left, in order, on the cheapest way."""
-    count = len(skip)
-    total = sum(skip)
+    count = len(closing) // 2
     cost: dict[tuple[int, int], float] = {}
     before: dict[tuple[int, int], int] = {}
     for tip in range(2 * count):
         # A strand is entered through one tip and left through the other.
-        cost[1 << tip // 2, tip] = opening[tip ^ 1] - skip[tip // 2]
+        cost[1 << tip // 2, tip] = opening[tip ^ 1]
     for used in range(1, 1 << count):
         for tip in range(2 * count):
             so_far = cost.get((used, tip))
@@ -110,10 +134,10 @@ def _held_karp(between: Floats, opening: list[float], closing: list[float], skip
                 if used >> leave // 2 & 1:
                     continue
                 state = (used | 1 << leave // 2, leave)
-                price = so_far + between[tip, leave ^ 1] - skip[leave // 2]
+                price = so_far + between[tip, leave ^ 1]
                 if price < cost.get(state, np.inf):
                     cost[state], before[state] = price, tip
-    state = min(cost, key=lambda key: (cost[key] + closing[key[1]] + total, key))
+    state = min(cost, key=lambda key: (cost[key] + closing[key[1]] + misses[key[0]], key))
     exits = [state[1]]
     while state in before:
         state = (state[0] & ~(1 << state[1] // 2), before[state])

@@ -40,7 +40,7 @@ def write_sheet(result: ChainResult, source: Source, path: Path, frames: int = 3
     rows = sorted({int(row) for row in np.linspace(0, len(result.frames) - 1, frames).round()})
     figure = Figure(figsize=(19, 2.9 * len(rows) + 2.6), layout="constrained")
     grid = figure.add_gridspec(len(rows) + 1, 5, width_ratios=(1.6, 1.6, 1.3, 1.3, 1))
-    shots = _shots(source, rows)
+    shots = _shots(source, [result.frames[row].frame for row in rows])
     for line, (row, frame) in enumerate(zip(rows, shots, strict=True)):
         chain = result.frames[row]
         views = [figure.add_subplot(grid[line, column]) for column in range(5)]
@@ -84,12 +84,12 @@ def _title(chain: FrameChain, index: CaptureIndex) -> tuple[str, dict[str, objec
     return title, {"fontsize": 9, "color": "black" if chain.fitted else RED}
 
 
-def _shots(source: Source, rows: Sequence[int]) -> list[Frame]:
+def _shots(source: Source, numbers: Sequence[int]) -> list[Frame]:
     shots = []
-    for row, frame in enumerate(source.frames()):
-        if row in rows:
+    for frame in source.frames():
+        if frame.frame in numbers:
             shots.append(frame)
-        if row == rows[-1]:
+        if frame.frame == numbers[-1]:
             break
     return shots
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from dlolib.captures.base import Frame
 from dlolib.chain.frame import FrameChain, chain_frame
+from dlolib.chain.many import following
 from dlolib.chain.settings import ChainSettings
 from dlolib.types import CaptureIndex, EndKind, Motion, Pose
 
@@ -20,7 +21,7 @@ class Tracker:
         index: camera, rope and ends of what is looked at, as in a capture; neither its frames nor its motion
             are read.
         settings: as for `extract_chain`.
-        chain: the last chain, from which the next one goes on; None before the first.
+        chain: the last chain that counts, from which the next one goes on; None before the first.
     """
 
     index: CaptureIndex
@@ -36,15 +37,16 @@ class Tracker:
                 end that is free.
 
         Returns:
-            The chain, which is also kept. After an error the last good one stays.
+            The chain, which is also kept if it counts. Else, and after an error, the last good one stays.
 
         Raises:
             ChainError: the frame shows no rope.
         """
         held = replace(self.index.ends, start=_kind(start), end=_kind(end))
         index = replace(self.index, ends=held, motion=_motion(frame.t_s, start, end))
-        self.chain = chain_frame(frame, index, self.settings, self.chain)
-        return self.chain
+        chain = chain_frame(frame, index, self.settings, self.chain)
+        self.chain = following(self.chain, chain)
+        return chain
 
 
 def _kind(pose: Pose | None) -> EndKind:

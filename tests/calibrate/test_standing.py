@@ -19,7 +19,7 @@ from dlolib.calibrate.folder import read_shots
 from dlolib.calibrate.marker import markers
 from dlolib.calibrate.plane_pose import projected
 from dlolib.captures import open_capture
-from dlolib.errors import DloError
+from dlolib.errors import DloError, FormatError
 
 SIDE = 0.04
 # A marker's axes (x right, y up, z out of it) where its print has x right, y down, z into it.
@@ -113,6 +113,14 @@ def test_it_is_written_into_a_capture_and_drawn(tmp_path: Path) -> None:
     assert written["obstacles"][1]["residual"]["px"] < 0.1
     draw_obstacles(found, read_shots(folder), boards.VIEW, tmp_path / "obstacles.png")
     assert cv2.imread(str(tmp_path / "obstacles.png")).std() > 20
+
+
+def test_a_capture_whose_camera_is_null_is_refused(tmp_path: Path) -> None:
+    capture = foreign_samples.own(tmp_path / "capture", foreign_samples.frames())
+    content = json.loads((capture / "capture.json").read_text())
+    (capture / "capture.json").write_text(json.dumps(content | {"camera": None}))
+    with pytest.raises(FormatError, match=r"capture\.json: camera: is null; give width, height"):
+        put_into_capture(capture, foreign_samples.VIEW)
 
 
 def moved(folder: Path) -> None:

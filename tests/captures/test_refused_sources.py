@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import shutil
 from collections.abc import Callable
@@ -214,6 +215,15 @@ def test_times_in_names_that_go_back(tmp_path: Path, refused: Refusals) -> None:
     refused(foreign.redwood(tmp_path / "source", replace(shot, ns=shot.ns[::-1])), "time goes back from 17")
 
 
+def test_names_that_are_times_and_no_numbers(tmp_path: Path, refused: Refusals) -> None:
+    foreign.given(refused.about, rate_hz=30.0)
+    source = foreign.redwood(tmp_path / "source", foreign.frames())
+    for row, folder in itertools.product(range(3), ("color", "depth")):
+        (path,) = (source / folder).glob(f"{row + 1:07d}-*.png")
+        path.rename(path.with_name(f"{1_700_000_000_123 + 33 * row}.png"))
+    refused(source, "1700000000123.png: its name looks like a time, and not like the number")
+
+
 def place(tmp_path: Path, kind: str) -> Path:
     return tmp_path / ("source.bag" if kind == "ros1" else "source")
 
@@ -223,7 +233,17 @@ def place(tmp_path: Path, kind: str) -> Path:
     ("change", "options", "says"),
     [
         ({"backwards": True}, (), f"{foreign.COLOR}, image 1: time goes back from 17"),
-        ({"color": "mono8"}, (), "color: no topic has images of color; record one"),
+        (
+            {"color": "mono8"},
+            (),
+            "color: no topic has images of color: /camera/aligned_depth_to_color/image_raw has '16UC1', "
+            "/camera/color/image_raw has 'mono8'; record one with rgb8, bgr8",
+        ),
+        (
+            {"color": "mono8"},
+            ("--topic", f"color={foreign.COLOR}"),
+            "no topic of color: /camera/color/image_raw has 'mono8'; choose from none",
+        ),
         (
             {"second_depth": True},
             (),
@@ -237,7 +257,7 @@ def place(tmp_path: Path, kind: str) -> Path:
         (
             {},
             ("--topic", f"depth={foreign.COLOR}", "--topic", f"color={foreign.DEPTH}"),
-            f"color={foreign.DEPTH}: no topic of color; choose from {foreign.COLOR}",
+            f"no topic of color: {foreign.DEPTH} has '16UC1'; choose from {foreign.COLOR}",
         ),
         ({}, ("--topic", "camera_info=/info"), f"no topic of camera_info; choose from {foreign.INFO}"),
         ({}, ("--topic", "smell=/nose"), "no topic of 'smell'; choose from color, depth, camera_info"),
@@ -380,6 +400,8 @@ def test_what_is_no_recording(tmp_path: Path, refused: Refusals) -> None:
     (tmp_path / "notes.txt").write_text("hello")
     refused(tmp_path / "notes.txt", "notes.txt: is in no known format; give a capture folder, or one of: TUM")
     refused(tmp_path / "nowhere", "")
+    (tmp_path / "folder/images").mkdir(parents=True)
+    refused(tmp_path / "folder", "folder: is in no known format; give a capture folder, or one of: TUM")
     (tmp_path / "empty").mkdir()
     refused(tmp_path / "empty", "")
 

@@ -326,6 +326,7 @@ ALIGNED = "/camera/aligned_depth_to_color/image_raw"
         # aligned to image_raw, of which image_rect_color is made
         ("/camera/color/image_rect_color", ALIGNED, {"depth"}),
         ("/camera/color/image_rect_raw", ALIGNED, set()),
+        ("/camera/color/image_rectified", "/camera/depth_registered/image_rectified", set()),
     ],
 )
 def test_a_lens_is_taken_out_of_what_is_not_rectified(

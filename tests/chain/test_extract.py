@@ -6,6 +6,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from chain.test_clouds import distances
@@ -26,6 +27,7 @@ from dlolib.captures import open_capture
 from dlolib.captures.base import Frame
 from dlolib.captures.image_folder import ImageFolder
 from dlolib.chain import ChainSettings, chain_frame, extract_chain
+from dlolib.chain.sheet import write_sheet
 from dlolib.errors import ChainError, ParameterError
 from dlolib.formats import read_recording, write_recording
 from dlolib.types import CaptureIndex, Ends, Floats
@@ -148,15 +150,70 @@ def test_with_free_ends_the_start_stays_the_start(tmp_path: Path) -> None:
 
 
 def test_arc_lengths_of_a_free_rope_that_is_seen_in_part_go_from_tip_to_tip(tmp_path: Path) -> None:
-    """Its length was measured wrongly, or a tip is out of sight: the recording is readable all the same."""
+    """Its length was measured a little wrongly, or a tip is out of sight: it is readable all the same."""
     write_capture(tmp_path / "free", [wave(0.4)], Scene(noisy=False), clamped=False)
-    result = extract_chain(ImageFolder(of_length(open_capture(tmp_path / "free").index, 1.15)))
+    result = extract_chain(ImageFolder(of_length(open_capture(tmp_path / "free").index, 1.08)))
     write_recording(result.recording, tmp_path / "out")
     s_m = read_recording(tmp_path / "out").points.s_m
     assert not result.frames[0].fitted
     assert len(s_m) == 30 and s_m[-1] == pytest.approx(0.445, abs=3e-3)
     seen = result.recording.points.xyz_m
     assert np.linalg.norm(np.diff(seen, axis=0), axis=1).sum() == pytest.approx(0.445, abs=3e-3)
+
+
+def test_of_a_free_rope_of_which_a_third_is_out_of_sight_nobody_knows_where_it_begins(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    index = write_capture(tmp_path / "free", [wave(0.4), wave(0.4)], Scene(noisy=False), clamped=False)
+    picture = cv2.imread(str(tmp_path / "free/color/000001.png"))
+    picture[:, 400:] = 12
+    cv2.imwrite(str(tmp_path / "free/color/000001.png"), picture)
+    result = extract_chain(open_capture(tmp_path / "free"))
+    assert [chain.counts for chain in result.frames] == [True, False]
+    assert "m were measured in frame 1, so a tip was not seen; left out" in caplog.text
+    with pytest.raises(ChainError, match="and in every frame 0.332 to 0.446 m were measured"):
+        extract_chain(ImageFolder(of_length(index, 1.5)))
+
+
+def test_frames_without_a_rope_are_left_out_and_said(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    write_capture(tmp_path / "gone", [wave(0.4)] * 4, Scene(noisy=False))
+    for frame in (1, 3):
+        cv2.imwrite(str(tmp_path / f"gone/color/00000{frame}.png"), np.zeros((576, 640, 3), np.uint8))
+    result = extract_chain(open_capture(tmp_path / "gone"))
+    assert set(result.recording.points.frame) == {0, 2} and result.without_rope == 2
+    assert result.metrics()["frames"] == 4 and result.metrics()["frames_left_out"] == 2
+    assert "left out: " in caplog.text and "frame 1: no rope" in caplog.text
+    assert "and 1 more frame like it" in caplog.text
+    write_sheet(result, open_capture(tmp_path / "gone"), tmp_path / "sheet.png")
+
+
+def test_more_pieces_than_can_be_put_in_order_do_not_count(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Boxes cut one rope of two into pieces: with two at most, their order may be any."""
+    boxes = tuple(((x, -0.05, -0.3), (0.01, 0.02, 0.6)) for x in (0.1, 0.2, 0.3))
+    monkeypatch.setattr("dlolib.chain.order.MOST_STRANDS", 2)
+    write_capture(tmp_path / "cut", [wave(0.4), wave(0.5)], Scene(noisy=False, boxes=boxes))
+    with pytest.raises(
+        ChainError, match="more stretches of rope are seen than can be put in order in frames 0, 1"
+    ):
+        extract_chain(open_capture(tmp_path / "cut"))
+
+
+def test_a_rope_of_which_only_its_lit_edge_is_found_is_said(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    index = write_capture(tmp_path / "edge", [wave(0.4)], Scene(noisy=False))
+    picture = cv2.imread(str(tmp_path / "edge/color/000000.png"))
+    rope = (picture[..., 0] > 100).astype(np.uint8)
+    edge = rope - cv2.erode(rope, np.array([[0], [1], [1]], np.uint8))
+    (tmp_path / "edge/mask").mkdir()
+    cv2.imwrite(str(tmp_path / "edge/mask/000000.png"), 255 * edge)
+    masked = replace(index, mask=(tmp_path / "edge/mask/000000.png",))
+    extract_chain(ImageFolder(masked))
+    assert "mm wide, object.diameter_m says 8.0" in caplog.text
 
 
 def seen_from_elsewhere(index: CaptureIndex, by_m: tuple[float, float, float]) -> CaptureIndex:

@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 from dlolib.captures import open_capture
 from dlolib.captures.base import Frame
 from dlolib.chain import ChainSettings, FrameChain, many
-from dlolib.errors import ChainError
 from dlolib.types import CaptureIndex
 
 FRAMES = 9
@@ -53,10 +52,10 @@ def test_they_are_the_same_where_what_comes_before_matters(
     frames, index = turning
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(many, "MANY", FRAMES + 1)
-        in_turn = many.chains_of(frames, index, ChainSettings())
+        in_turn = many.chains_of(frames, index, ChainSettings()).chains
     assert shared == list(range(FRAMES))
     shared.clear()
-    at_once = many.chains_of(frames, index, ChainSettings())
+    at_once = many.chains_of(frames, index, ChainSettings()).chains
     np.testing.assert_equal([astuple(one) for one in at_once], [astuple(one) for one in in_turn])
     # The start goes round with the rope, and that could not be guessed from long before everywhere.
     assert in_turn[0].line_m[0, 0] < in_turn[0].line_m[-1, 0]
@@ -64,12 +63,39 @@ def test_they_are_the_same_where_what_comes_before_matters(
     assert 0 < len(shared) < FRAMES
 
 
-def test_a_frame_without_a_rope_is_named_as_ever(
+def test_frames_without_a_rope_are_left_out_and_named_as_ever(
     turning: tuple[list[Frame], CaptureIndex], shared: list[int]
 ) -> None:
     frames, index = turning
     dark = replace(frames[5], color=np.zeros_like(frames[5].color), file=Path("dark.png"))
-    with pytest.raises(ChainError, match="no rope") as caught:
-        many.chains_of([*frames[:5], dark, *frames[6:]], index, ChainSettings())
-    assert caught.value.file == Path("dark.png") and caught.value.place == "frame 5"
-    assert shared == [5]
+    darkened = [*frames[:5], dark, *frames[6:]]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(many, "MANY", FRAMES + 1)
+        in_turn = many.chains_of(darkened, index, ChainSettings())
+    at_once = many.chains_of(darkened, index, ChainSettings())
+    assert [chain.frame for chain in at_once.chains] == [0, 1, 2, 3, 4, 6, 7, 8]
+    np.testing.assert_equal(*([astuple(one) for one in found.chains] for found in (at_once, in_turn)))
+    for found in (at_once, in_turn):
+        (error,) = found.refused
+        assert "no rope" in error.problem
+        assert error.file == Path("dark.png") and error.place == "frame 5"
+
+
+def test_what_does_not_count_is_not_gone_on_from(
+    turning: tuple[list[Frame], CaptureIndex], shared: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a frame in which another thing is taken for the rope: which way round it lay there says nothing."""
+    frames, index = turning
+    chain_frame = many.chain_frame
+
+    def wrong(frame: Frame, *others: object) -> FrameChain:
+        chain = chain_frame(frame, *others)  # type: ignore[arg-type]
+        turned = replace(chain, line_m=chain.line_m[::-1], counts=False)
+        return turned if frame.frame in (3, 4) else chain
+
+    right = many.chains_of(frames, index, ChainSettings()).chains
+    monkeypatch.setattr(many, "chain_frame", wrong)
+    monkeypatch.setattr(many, "MANY", FRAMES + 1)
+    found = many.chains_of(frames, index, ChainSettings()).chains
+    for frame in (5, 6, 7, 8):
+        np.testing.assert_array_equal(found[frame].xyz_m, right[frame].xyz_m)

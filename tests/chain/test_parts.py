@@ -13,7 +13,7 @@ from dlolib.chain.axis import Axis, assemble
 from dlolib.chain.greedy import greedy_chain
 from dlolib.chain.lift import Strand, half_widths
 from dlolib.chain.mixing import unmixed
-from dlolib.chain.order import in_order
+from dlolib.chain.order import in_order, length
 from dlolib.chain.skeleton import MOST_LINES, centre_lines
 from dlolib.chain.smooth import smoothed
 from dlolib.chain.uncertainty import covariances
@@ -67,7 +67,7 @@ def test_strands_are_put_in_order_through_gaps_and_turned() -> None:
     parts = [arc[200:], arc[:90][::-1], arc[110:180]]
     start = Anchor(arc[0], np.array([0.0, 1.0, 0.0]))
     end = Anchor(arc[-1], np.array([0.0, -1.0, 0.0]))
-    ordered = in_order([strand(part) for part in parts], start, end)
+    ordered = in_order([strand(part) for part in parts], start, end, 0.14 * np.pi)
     joined = np.concatenate([part.points_m for part in ordered])
     np.testing.assert_array_equal(joined, np.concatenate([arc[:90], arc[110:180], arc[200:]]))
 
@@ -80,9 +80,8 @@ def test_a_crossing_is_gone_straight_through() -> None:
     loop = np.stack([0.08 + 0.08 * np.cos(angle), 0.08 + 0.08 * np.sin(angle), 0 * angle], axis=-1)
     loop = np.concatenate([np.array([[0.01, 0, 0]]), loop, np.array([[0, 0.01, 0]])])
     last = np.array([0, -0.01, 0]) * (1 - t) + np.array([0, -0.1, 0]) * t
-    ordered = in_order(
-        [strand(last), strand(loop[::-1]), strand(first)], Anchor(first[0], np.array([1.0, 0, 0])), None
-    )
+    strands = [strand(last), strand(loop[::-1]), strand(first)]
+    ordered = in_order(strands, Anchor(first[0], np.array([1.0, 0, 0])), None, sum(map(length, strands)))
     np.testing.assert_array_equal(
         np.concatenate([s.points_m for s in ordered]), np.concatenate([first, loop, last])
     )
@@ -92,8 +91,20 @@ def test_a_stray_piece_is_left_out() -> None:
     line = np.linspace([0, 0, 0], [0.4, 0, 0], 300)
     stray = np.linspace([0.2, 0.2, 0], [0.22, 0.22, 0], 20)
     anchors = [Anchor(line[i], np.array([1.0, 0, 0])) for i in (0, -1)]
-    ordered = in_order([strand(stray), strand(line)], *anchors)
+    ordered = in_order([strand(stray), strand(line)], *anchors, 0.4)
     assert len(ordered) == 1 and len(ordered[0].points_m) == 300
+
+
+@pytest.mark.parametrize("held", [0, 1])
+def test_what_is_more_than_the_rope_is_left_out(held: int) -> None:
+    """Another cable, longer than what lies between: to leave it out is no loss."""
+    line = np.linspace([0, 0, 0], [0.4, 0, 0], 300)
+    other = np.linspace([0.5, 0.2, 0], [0.85, 0.2, 0], 300)
+    start = Anchor(line[0], np.array([1.0, 0, 0])) if held else None
+    (ordered,) = in_order([strand(line), strand(other)], start, None, 0.4)
+    assert np.ptp(ordered.points_m[:, 1]) == 0 and ordered.points_m[:, 1].max() == 0
+    # one that long is all of it
+    assert len(in_order([strand(line), strand(other)], start, None, 0.9)) == 2
 
 
 def hairpin() -> Axis:

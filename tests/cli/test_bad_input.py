@@ -314,7 +314,10 @@ def test_a_report_of_a_spoiled_fit(tmp_path: Path, capfd: pytest.CaptureFixture[
         (("inges", "a"), "No such command 'inges'"),
         (("ingest",), "Missing argument"),
         (("ingest", "a", "--speed", "3"), "No such option"),
-        (("ingest", GOOD, "--topic", "color=/rgb"), "--topic: a capture folder has no topics"),
+        (
+            ("ingest", GOOD, "--topic", "color=/rgb"),
+            "is in no known format; give a capture folder, or one of",
+        ),
         (("ingest", "a.bag", "--topic", "color=/rgb"), "a.bag: no such file; correct the path"),
         (("execute", "a.csv"), "--host or --layout"),
         (("execute", "a.csv", "--host", "h", "--layout", "l"), "--host or --layout"),
