@@ -13,7 +13,7 @@ from dlolib.diagnose.detect import asked, detectable, sized
 from dlolib.diagnose.fitting import Fitted
 from dlolib.diagnose.heldout import black_box, foretell
 from dlolib.diagnose.locate import Reversal, reversal, scan
-from dlolib.diagnose.noise import known_noise, noise_left
+from dlolib.diagnose.noise import NoiseTold, known_noise, noise_left
 from dlolib.diagnose.nuisances import before, between
 from dlolib.diagnose.search import Searched, baseline, other_forms, search, searched_again, simulated_once
 from dlolib.diagnose.study import Bools, DiagnoseSettings, Seen, Study, acting_only, seen_as
@@ -31,8 +31,7 @@ FEWEST_POINTS, FEWEST_FRAMES = 12, 2
 SPLIT = 8
 # What the noise is taken for until an elastic rod is fitted.
 FIRST_NOISE = Noise(1e-3, 0.0, 0.0)
-Told = list[tuple[Noise, str]]
-Known = Sequence[tuple[Noise, str] | None]
+Known = Sequence[NoiseTold | None]
 
 
 @dataclass(frozen=True)
@@ -91,12 +90,7 @@ def diagnose(recordings: Sequence[Recording], settings: DiagnoseSettings) -> Dia
 
 def _check(recordings: Sequence[Recording]) -> None:
     check_one_object(recordings)
-    first = recordings[0]
     for recording in recordings:
-        if recording.rope.length_m != first.rope.length_m:
-            long, as_long = recording.rope.length_m, first.rope.length_m
-            problem = f"the rope is {long:g} m long in {recording.name}, {as_long:g} m in {first.name}"
-            raise ParameterError(problem, place="object.length_m", mend="give both one length")
         fitted = _fitted_points(recording, 0.0)
         points, frames = int(fitted.sum()), len(np.unique(recording.points.frame[fitted]))
         if points < FEWEST_POINTS or frames < FEWEST_FRAMES:
@@ -108,10 +102,10 @@ def _check(recordings: Sequence[Recording]) -> None:
 
 def _study(
     recordings: Sequence[Recording], known: Known, run: Workers, settings: DiagnoseSettings
-) -> tuple[Study, Told]:
+) -> tuple[Study, list[NoiseTold]]:
     """The recordings with their noise, and what tells of it."""
-    told = [one or (FIRST_NOISE, "") for one in known]
-    raw = _with_noise(raw_study(recordings, settings), told)
+    told = [one or NoiseTold(FIRST_NOISE, "") for one in known]
+    raw = _with_noise(raw_study(recordings, settings, [one.wider for one in told]), told)
     run.begin(raw, simulated_once)
     study = acting_only(raw, FIRST_STIFFNESS_M4_S2)
     if not all(known):
@@ -121,13 +115,17 @@ def _study(
     return study, told
 
 
-def raw_study(recordings: Sequence[Recording], settings: DiagnoseSettings) -> Study:
-    """The recordings as a study, whose noise is not known yet."""
+def raw_study(
+    recordings: Sequence[Recording], settings: DiagnoseSettings, wider: Sequence[float] | None = None
+) -> Study:
+    """The recordings as a study, whose noise is not known yet; `wider`, by how much more than their points'
+    covariances say they scatter."""
+    scales = dict(zip((one.name for one in recordings), wider or (), strict=bool(wider)))
     declared = any(one.heldout_frames is not None for one in recordings)
     used = [_fitted_points(one, 0.0 if declared else settings.heldout_share) for one in recordings]
 
     def seen(one: Recording, some: Bools) -> Seen:
-        grid, covariance = grid_of(one, some), _covariance(one, some)
+        grid, covariance = grid_of(one, some), _covariance(one, some, scales.get(one.name, 1.0))
         always = lasting(one, some, grid, covariance)
         whitener = Whitener(grid, FIRST_NOISE, covariance, always)
         return seen_as(one, some, whitener, settings)
@@ -140,7 +138,7 @@ def raw_study(recordings: Sequence[Recording], settings: DiagnoseSettings) -> St
     return Study(fitted, between(recordings), before(recordings), rolls=rolls, ahead=ahead)
 
 
-def _told_by(study: Study, model: Fitted, known: Known) -> Told:
+def _told_by(study: Study, model: Fitted, known: Known) -> list[NoiseTold]:
     """The noise of every recording: what is known of it, or what a model leaves of it tells."""
     told = []
     for k, (one, told_before) in enumerate(zip(study.seen, known, strict=True)):
@@ -149,9 +147,9 @@ def _told_by(study: Study, model: Fitted, known: Known) -> Told:
     return told
 
 
-def _with_noise(study: Study, told: Told) -> Study:
+def _with_noise(study: Study, told: Sequence[NoiseTold]) -> Study:
     def changed(one: Seen, k: int) -> Seen:
-        return replace(one, whitener=replace(one.whitener, noise=told[k][0]))
+        return replace(one, whitener=replace(one.whitener, noise=told[k].noise))
 
     seen = tuple(changed(one, k) for k, one in enumerate(study.seen))
     return replace(study, seen=seen, ahead={k: changed(one, k) for k, one in study.ahead.items()})
@@ -161,12 +159,12 @@ def _best(searched: Searched) -> Fitted:
     return searched.models[0] if searched.models else searched.baseline
 
 
-def _covariance(recording: Recording, used: Bools) -> Floats | None:
+def _covariance(recording: Recording, used: Bools, wider: float) -> Floats | None:
     covariance = recording.points.covariance_m2
     if covariance is None:
         return None
     seen = seen_axes(recording)
-    return np.asarray(covariance[used][:, seen][:, :, seen])
+    return np.asarray(wider**2 * covariance[used][:, seen][:, :, seen])
 
 
 def _fitted_points(recording: Recording, share: float) -> Bools:

@@ -9,6 +9,7 @@ import numpy as np
 from scipy import stats
 from scipy.optimize import least_squares
 
+from dlolib.diagnose.nuisances import swung
 from dlolib.diagnose.study import Point, Seen, Study, remembers
 from dlolib.diagnose.whitening import ModesOfNoise
 from dlolib.errors import SimulationError
@@ -24,8 +25,6 @@ UNSOLVED = 1e3
 SILENT, NUDGE = 1e-6, 10.0
 # A combination of parameters, each over what it tells alone, that tells less than rounding errors.
 LEAST_KNOWN = 1e-14
-# A finer mesh moves no point by this share of the length unless the rope snaps; n = 30 is off by some 0.002.
-ELSEWHERE = 0.02
 
 
 @dataclass(frozen=True)
@@ -154,11 +153,15 @@ class Hypothesis:
     def _priors(self, theta: Floats) -> tuple[Floats, Floats]:
         deviations = {**self.study.nuisances, **self.study.histories}
         held = [n for n, u in enumerate(self.unknowns) if u in deviations]
-        weights = np.array([1 / deviations[self.unknowns[n]] for n in held])
         rows = np.zeros((len(held), len(theta)))
-        rows[np.arange(len(held)), held] = weights
-        means = np.array([self.expected.get(self.unknowns[n], 0.0) for n in held])
-        return weights * (theta[held] - means), rows
+        for row, n in enumerate(held):
+            unknown = self.unknowns[n]
+            arms = swung(unknown, self.study.pivot_m(unknown.recording))
+            for u, arm in {unknown: 1.0, **arms}.items():
+                if u in self.unknowns:
+                    rows[row, self.unknowns.index(u)] = arm / deviations[unknown]
+        means = np.array([self.expected.get(u, 0.0) if u in deviations else 0.0 for u in self.unknowns])
+        return rows @ (theta - means), rows
 
 
 def values_of(point: Point, k: int) -> dict[str, float]:
@@ -258,8 +261,7 @@ def mesh_error(study: Study, point: Point, known_m: Sequence[Floats] | None = No
     for k, one in enumerate(study.seen):
         otherwise = np.zeros_like(one.recording.points.xyz_m) if known_m is None else known_m[k]
         new = _extrapolated(one, study.rod(k, values_of(point, study.number(k))))
-        length = one.recording.rope.length_m
-        found.append(otherwise if new is None or np.abs(new).max() > ELSEWHERE * length else new)
+        found.append(otherwise if new is None or continuum.elsewhere(new, one.model) else new)
     return tuple(found)
 
 

@@ -9,6 +9,7 @@ estimated with them.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy import linalg, optimize
@@ -34,20 +35,59 @@ FEWEST_STILL, SAME = 3, 1e-6
 SAME_PLACE, FEWEST_LEFT = 2e-5, 3
 # No camera's noise is less than this [m].
 LEAST_M = 1e-6
-# An end that moves or turns further than this while it is to stand still does not [m, rad]; a given deviation
-# is refuted by points of one pose that scatter so many times as much.
-STANDS_M, STANDS_RAD, REFUTED = 2e-3, 0.02, 2.0
+# An end that moves or turns further than this while it is to stand still does not [m, rad].
+STANDS_M, STANDS_RAD = 2e-3, 0.02
+# What is given is refuted by points of one pose that scatter so many times as much, and by more than so many
+# deviations of that, where so many readings go together.
+REFUTED, SURE, TOGETHER = 1.2, 4.0, 5.0
 
 
-def known_noise(recording: Recording) -> tuple[Noise, str] | None:
-    """The noise that a recording tells without any rod, and whence: it is given, or some frames show one
-    pose.
+class NoiseTold(NamedTuple):
+    """The noise of a recording, whence it is known, and by how much more its points scatter than their own
+    covariances say."""
+
+    noise: Noise
+    whence: str
+    wider: float = 1.0
+
+
+def known_noise(recording: Recording) -> NoiseTold | None:
+    """The noise that a recording tells without any rod: it is given, or some frames show one pose. These
+    refute what is given where they scatter more.
 
     Raises:
         ParameterError: an end moves in frames that are to stand still.
     """
+    told = _standing(recording)
+    given, by = _given(recording)
+    if told is None:
+        return None if recording.noise is None else NoiseTold(recording.noise, "recording.json: noise")
+    noise, here, readings = told
+    many = noise.sigma_m / given if given else 1.0
+    if given and many > REFUTED + SURE / np.sqrt(readings / TOGETHER):
+        wider = many if recording.points.covariance_m2 is not None else 1.0
+        return NoiseTold(noise, f"{here} and scatter {many:.1f} times as much as {by}", wider)
     if recording.noise is not None:
-        return recording.noise, "recording.json: noise"
+        return NoiseTold(recording.noise, "recording.json: noise")
+    if recording.position_noise_m:
+        its = f"recording.json: position_noise_m; its correlation: {here}"
+        return NoiseTold(replace(noise, sigma_m=recording.position_noise_m), its)
+    return NoiseTold(noise, here)
+
+
+def _given(recording: Recording) -> tuple[float, str]:
+    """The deviation [m] that counts as a recording gives it, 0 where it does not, and where."""
+    covariance = recording.points.covariance_m2
+    if covariance is not None:
+        seen = seen_axes(recording)
+        return float(np.sqrt(np.mean(covariance[:, seen, seen]))), "points.csv: the covariances"
+    if recording.noise is not None:
+        return recording.noise.sigma_m, "recording.json: noise"
+    return recording.position_noise_m or 0.0, "recording.json: position_noise_m"
+
+
+def _standing(recording: Recording) -> tuple[Noise, str, int] | None:
+    """The noise of frames that show one pose, which they are, and of how many readings."""
     still = _still(recording)
     if still is None:
         return None
@@ -58,14 +98,7 @@ def known_noise(recording: Recording) -> tuple[Noise, str] | None:
     if noise.sigma_m < LEAST_M:
         # simulated, or a tracker that says the same again while nothing moves
         return None
-    here = f"frames {first} to {last}, which stand still"
-    given = recording.position_noise_m or 0.0
-    if given == 0.0:
-        return noise, here
-    if noise.sigma_m > REFUTED * given:
-        many = noise.sigma_m / given
-        return noise, f"{here} and scatter {many:.1f} times as much as recording.json: position_noise_m"
-    return replace(noise, sigma_m=given), f"recording.json: position_noise_m; its correlation: {here}"
+    return noise, f"frames {first} to {last}, which stand still", values[still].size
 
 
 def _check_standing(recording: Recording, first: int, last: int) -> None:
@@ -87,13 +120,14 @@ def _check_standing(recording: Recording, first: int, last: int) -> None:
             )
 
 
-def noise_left(recording: Recording, residual_m: Floats) -> tuple[Noise, str]:
+def noise_left(recording: Recording, residual_m: Floats) -> NoiseTold:
     """The noise of a recording by what a rod leaves of its points (P, A) [m]: what is quick in that."""
     noise = _likeliest(recording, residual_m, np.ones(len(residual_m), dtype=bool), still_shape=False)
     here, given = "quick part of the residuals", recording.position_noise_m or 0.0
     if given > 0:
-        return replace(noise, sigma_m=given), f"recording.json: position_noise_m; its correlation: {here}"
-    return replace(noise, sigma_m=max(noise.sigma_m, LEAST_M)), here
+        its = f"recording.json: position_noise_m; its correlation: {here}"
+        return NoiseTold(replace(noise, sigma_m=given), its)
+    return NoiseTold(replace(noise, sigma_m=max(noise.sigma_m, LEAST_M)), here)
 
 
 def _still(recording: Recording) -> np.ndarray | None:

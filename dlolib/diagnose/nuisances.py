@@ -1,8 +1,9 @@
 """What a recording has for itself and is no physics: between recordings of one object how it is mounted,
 where the camera stands, and what happened before.
 
-The first recording's poses hold; each further one may differ from it, by as much as its prior lets it. What
-happened before a recording whose motion begins with its first frame is each one's own.
+The first recording's poses hold; each further one may differ from it, by as much as its prior lets it. A
+camera that looks another way is expected to have been turned about the rope, wherever the world's origin is.
+What happened before a recording whose motion begins with its first frame is each one's own.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import numpy as np
 
 from dlolib.identify.parameters import Unknown
 from dlolib.sim.effects import parameter
-from dlolib.types import Recording
+from dlolib.types import Floats, Recording
 
 # Deviations expected of a grip, of a camera's direction and place; a difference in mounting worth saying.
 MOUNTED_RAD, TURNED_RAD, SHIFTED_M = np.deg2rad(2.5), np.deg2rad(1.0), 5e-3
@@ -52,6 +53,16 @@ def bounded(name: str) -> bool:
     return name.partition(".")[0] not in MOUNTING
 
 
+def swung(unknown: Unknown, pivot_m: Floats) -> dict[Unknown, float]:
+    """By how much [m/rad] a camera's turns about the world's origin move the pivot (3,) [m] along the axis of
+    a shift; nothing for any other unknown."""
+    if not unknown.name.startswith("camera_pose.shift_"):
+        return {}
+    along = int(unknown.name[-1]) - 1
+    arms = np.cross(np.eye(3), pivot_m)[:, along]
+    return {Unknown(f"camera_pose.rotation_{k + 1}", unknown.recording): float(arms[k]) for k in range(3)}
+
+
 def before(recordings: Sequence[Recording]) -> dict[Unknown, float]:
     """Of several recordings the curvature that the rope once had, if nobody saw how it came to its first
     shape: up to that of a circle."""
@@ -71,11 +82,22 @@ def begins_unseen(recording: Recording) -> bool:
 
 
 def mounted_otherwise(values: Mapping[Unknown, float], names: Sequence[str]) -> Iterator[str]:
-    """A sentence for each recording that is mounted otherwise than the first by more than 5 degrees."""
-    for k, name in enumerate(names):
-        angles = [abs(v) for u, v in values.items() if u.recording == k and u.name.split(".")[0] in MOUNTING]
-        if max(angles, default=0.0) > WORTH_SAYING_RAD:
-            yield f"{name} is mounted {np.rad2deg(max(angles)):.0f} degrees otherwise than {names[0]}."
+    """A sentence for each recording of which an end is mounted otherwise than in one before it by more than 5
+    degrees, and by how much in that which differs most."""
+    turns = [_mountings(values, k) for k in range(len(names))]
+    for k in range(1, len(names)):
+        off = [float(np.linalg.norm(turns[k] - turn, axis=1).max()) for turn in turns[:k]]
+        worst = int(np.argmax(off))
+        if off[worst] > WORTH_SAYING_RAD:
+            yield f"{names[k]} is mounted {np.rad2deg(off[worst]):.0f} degrees otherwise than {names[worst]}."
 
 
-__all__ = ["FARTHEST", "before", "begins_unseen", "between", "bounded", "held", "mounted_otherwise"]
+def _mountings(values: Mapping[Unknown, float], k: int) -> Floats:
+    """How the start and the end are turned in a recording against the first, (2, 3) [rad]."""
+    axes = ("end_angle.{}_1", "end_angle.{}_2", "end_twist.{}")
+    return np.array(
+        [[values.get(Unknown(name.format(end), k), 0.0) for name in axes] for end in ("start", "end")]
+    )
+
+
+__all__ = ["FARTHEST", "before", "begins_unseen", "between", "bounded", "held", "mounted_otherwise", "swung"]

@@ -69,13 +69,16 @@ def summary(
     base: Quality,
     best: Quality,
     asked: str | None,
+    several: bool = False,
 ) -> str:
-    """A few sentences: what is missing, where it shows, what that changes; `asked` tells a tie apart."""
+    """A few sentences: what is missing, where it shows (and of several recordings in which), what that
+    changes; `asked` tells a tie apart."""
     before, after = 1e3 * base.rmse_m, 1e3 * best.rmse_m
     if decision.status == "no_mismatch":
         seen = f"An elastic rod explains what was seen ({before:.1f} mm RMS)"
         return f"{seen}: nothing is missing that could show."
-    place = f" It shows most {_place(where[0])}." if where else ""
+    of = f" of {where[0].recording}" if where and several else ""
+    place = f" It shows most {_place(where[0])}{of}." if where else ""
     told = "; ".join(one.says for one in effects)
     if decision.status == "unexplained":
         what = f"Something is missing that no effect of the library explains ({before:.1f} mm RMS)."

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dlolib.diagnose.nuisances import FARTHEST, begins_unseen, bounded, held
+from dlolib.diagnose.nuisances import FARTHEST, begins_unseen, bounded, held, swung
 from dlolib.diagnose.whitening import Whitener
 from dlolib.errors import ParameterError, SimulationError
 from dlolib.identify import particles_for
@@ -131,6 +131,12 @@ class Study:
         """The number by which parameters know the k-th recording here."""
         return k if self.numbers is None else self.numbers[k]
 
+    def pivot_m(self, recording: int | None) -> Floats:
+        """The middle (3,) [m] of what was seen of the rope in the recording of this number."""
+        numbers = self.numbers or tuple(range(len(self.seen)))
+        k = numbers.index(recording) if recording in numbers else 0
+        return np.asarray(self.seen[k].recording.points.xyz_m.mean(axis=0))
+
     @cached_property
     def frames(self) -> int:
         """Frames observed: the independent observations, since the points of one move together."""
@@ -157,7 +163,9 @@ class Study:
         low, high = unknown.bounds
         expected = {**self.nuisances, **self.histories}.get(unknown)
         if expected is not None and bounded(unknown.name):
-            return -FARTHEST * expected, FARTHEST * expected
+            turns = swung(unknown, self.pivot_m(unknown.recording))
+            most = expected + sum(abs(arm) * self.nuisances.get(turn, 0.0) for turn, arm in turns.items())
+            return -FARTHEST * most, FARTHEST * most
         known = parameter(unknown.name)
         rope, spans_s = self.seen[0].recording.rope, self.spans_s
         if known.along == "motion":

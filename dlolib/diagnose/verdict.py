@@ -13,6 +13,7 @@ from dlolib.diagnose.estimates import Alternatives, estimates
 from dlolib.diagnose.fitting import Fitted
 from dlolib.diagnose.heldout import BlackBox, Foretold
 from dlolib.diagnose.locate import Scan
+from dlolib.diagnose.noise import NoiseTold
 from dlolib.diagnose.nuisances import mounted_otherwise
 from dlolib.diagnose.residuals import helps, slow_modes
 from dlolib.diagnose.say import named, summary
@@ -25,7 +26,6 @@ from dlolib.types import (
     Detectable,
     Floats,
     NextMotion,
-    Noise,
     Quality,
     SeenNoise,
     Verdict,
@@ -43,7 +43,7 @@ class Found:
     """
 
     study: Study
-    noise: tuple[Noise, str]
+    noise: NoiseTold
     searched: Searched
     decision: Decision
     forms: tuple[Fitted, ...]
@@ -57,7 +57,7 @@ class Found:
 def verdict_of(found: Found) -> Verdict:
     """The verdict."""
     study, decision = found.study, found.decision
-    noise, source = found.noise
+    noise, source = found.noise.noise, found.noise.whence
     base = _quality(found, found.searched.baseline)
     best = _quality(found, decision.winner, _beside(found)) if decision.winner.effects else base
     share = probabilities(study, found.searched)
@@ -68,7 +68,7 @@ def verdict_of(found: Found) -> Verdict:
     where = sorted((p for s in found.scans for p in s.places), key=lambda p: -p.strength) if mismatch else []
     recordings = tuple(one.recording.name for one in study.seen)
     asked = None if found.asked is None else found.asked.says
-    words = summary(decision, effects, where, base, best, asked)
+    words = summary(decision, effects, where, base, best, asked, len(study.seen) > 1)
     return Verdict(
         summary=" ".join([words, *mounted_otherwise(decision.winner.point, recordings)]),
         recordings=recordings,

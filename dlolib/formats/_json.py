@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator, Mapping
+from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
 from dlolib.errors import FormatError
+from dlolib.formats.doubts import say
 
 Model = TypeVar("Model", bound=BaseModel)
 MENDS = {
@@ -23,6 +26,8 @@ MENDS = {
     "too_short": "give as many numbers as the format asks",
     "too_long": "give as many numbers as the format asks",
 }
+# A key that the formats do not name is somebody else's, unless it is as much like one that they do.
+ALIKE = 0.8
 
 
 def existing(path: Path, what: str) -> Path:
@@ -64,7 +69,9 @@ def read_json(path: Path, form: str) -> dict[str, Any]:
 
 
 def checked(model: type[Model], content: dict[str, Any], path: Path) -> Model:
-    """Build `model` from `content`; the first violation becomes a `FormatError` with the key's path."""
+    """Build `model` from `content`; the first violation becomes a `FormatError` with the key's path, and a
+    key that is ignored but looks misspelt a warning."""
+    say(str(doubt) for doubt in _misspelt(model, content, path, ""))
     try:
         return model.model_validate(content)
     except ValidationError as error:
@@ -76,6 +83,25 @@ def checked(model: type[Model], content: dict[str, Any], path: Path) -> Model:
             problem = f"{problem}, got {_short(first['input'])}"
         mend = own_mend or MENDS.get(first["type"], "correct the value")
         raise FormatError(problem, file=path, place=place, mend=mend) from error
+
+
+def _misspelt(
+    model: type[BaseModel], content: Mapping[str, Any], path: Path, above: str
+) -> Iterator[FormatError]:
+    """The keys that a file's format does not name, but for one that is much alike and not given."""
+    fields = model.model_fields
+    absent = [name for name in fields if name not in content]
+    for key, value in content.items():
+        if key in fields:
+            for kind in (fields[key].annotation, *get_args(fields[key].annotation)):
+                if isinstance(value, dict) and isinstance(kind, type) and issubclass(kind, BaseModel):
+                    yield from _misspelt(kind, value, path, f"{above}{key}.")
+            continue
+        begun = [name for name in absent if name.startswith(f"{key}_")]
+        alike = begun or get_close_matches(key, absent, n=1, cutoff=ALIKE)
+        if alike:
+            where = f"{above}{key}"
+            yield FormatError("is not read", file=path, place=where, mend=f"write {alike[0]}, if it is meant")
 
 
 class _ConstantError(ValueError):

@@ -15,7 +15,7 @@ from dlolib.identify.intervals import jackknife
 from dlolib.identify.parameters import SOFTEST_M4_S2, Unknown, acting, candidates, unbent
 from dlolib.identify.problem import Bools, Problem, axes, check_held_ends, check_one_object
 from dlolib.progress import track
-from dlolib.sim.continuum import MOST_CORRECTIONS, mesh_error, refined, stands
+from dlolib.sim.continuum import MOST_CORRECTIONS, known_mesh_error, refined, stands
 from dlolib.sim.effects import of_the_rope
 from dlolib.sim.poses import model_of, near
 from dlolib.sim.rod import Rod, unit_of
@@ -249,9 +249,13 @@ def _corrected(problem: Problem, theta: Floats, settings: IdentifySettings) -> P
     """
     if settings.sweeps is not None:
         return problem
-    offsets = tuple(
-        mesh_error(model, refined(model, FINER), problem.rod(k, theta))
+    found = [
+        known_mesh_error(model, refined(model, FINER), problem.rod(k, theta))
         for k, model in enumerate(problem.models)
+    ]
+    offsets = tuple(
+        np.zeros_like(model.recording.points.xyz_m) if error is None else error
+        for model, error in zip(problem.models, found, strict=True)
     )
     return replace(problem, offsets=offsets)
 

@@ -7,10 +7,12 @@ times as fine, in steps shorter by the square of that, shows most of both, and h
 
 from __future__ import annotations
 
+import logging
 from dataclasses import replace
 
 import numpy as np
 
+from dlolib.errors import SimulationError
 from dlolib.sim.begun import motion_model
 from dlolib.sim.poses import Model
 from dlolib.sim.recording import RecordingModel
@@ -18,10 +20,19 @@ from dlolib.sim.rod import Rod
 from dlolib.sim.steps import dynamic_step
 from dlolib.types import Floats, Recording
 
+LOG = logging.getLogger(__name__)
+BY_MESH = "its shape depends on the mesh: a finer one takes another; the points are those of {} particles"
 # A mesh's error is made anew at a fit's own optimum until it changes by no more than this share of the
 # length, and so often at most: each time leaves some 3 % of what the stiffness was off at n = 30, 15 % at
 # n = 15.
 STANDS, MOST_CORRECTIONS = 1e-5, 6
+# A finer mesh moves no point by this share of the length unless the rope snaps: with so many segments it is
+# off by some 0.002.
+ELSEWHERE, USUAL = 0.02, 29
+# By this share of its length a rope that cannot stretch is held too long before it is said.
+TOO_LONG = 0.003
+# What may make a rope as long as its ends are apart.
+LENGTHENING = ("axial_stretch", "length_error", "grasp_slip")
 # How the source of simulated points begins.
 SIMULATED = "dlo simulate"
 
@@ -49,6 +60,27 @@ def mesh_error(model: Model, fine: Model, rod: Rod) -> Floats:
     return ratio**2 / (ratio**2 - 1) * (finely - model.predict(rod.with_particles(model.particles)).xyz_m)
 
 
+def elsewhere(error_m: Floats, model: Model) -> bool:
+    """Whether a mesh's error (P, 3) [m] is more than one: the finer rope snapped to another shape."""
+    most = ELSEWHERE * max(1.0, USUAL / (model.particles - 1)) ** 2
+    return float(np.abs(error_m).max(initial=0.0)) > most * model.recording.rope.length_m
+
+
+def known_mesh_error(model: Model, fine: Model, rod: Rod) -> Floats | None:
+    """The same as `mesh_error`, or None where the finer rope tells nothing of this one: it has no
+    equilibrium, or rests in another shape. Of a rope that swings, errors may be as large.
+
+    Raises:
+        SimulationError: it cannot be simulated on the model's own mesh.
+    """
+    try:
+        error = mesh_error(model, fine, rod)
+    except SimulationError:
+        model.predict(rod.with_particles(model.particles))
+        return None
+    return None if model.recording.quasi_static and elsewhere(error, model) else error
+
+
 def stands(before_m: Floats, after_m: Floats, length_m: float) -> bool:
     """Whether a mesh's error (P, 3) [m], made anew where it led a fit, is what it was: the fit is there."""
     return float(np.abs(after_m - before_m).max(initial=0.0)) < STANDS * length_m
@@ -74,10 +106,30 @@ def simulated(
     model = motion_model(recording, rod.particles, step_s, sweeps, near)
     xyz = model.predict(rod).xyz_m
     if finer > 1 and sweeps is None:
-        xyz = xyz + mesh_error(model, refined(model, finer), rod)
+        error = known_mesh_error(model, refined(model, finer), rod)
+        if error is None:
+            LOG.warning("warning: %s: %s", recording.name, BY_MESH.format(rod.particles))
+        else:
+            xyz = xyz + error
+    _say_too_long(recording, rod)
     points = replace(recording.points, xyz_m=xyz, covariance_m2=None)
     told = f"{SIMULATED} {recording.name}"
     return replace(recording, points=points, source=told, position_noise_m=0.0, noise=None)
+
+
+def _say_too_long(recording: Recording, rod: Rod) -> None:
+    """A rope that cannot stretch and is held further apart than it is long gives way all the same."""
+    if recording.ends.start != "clamped" or recording.ends.end != "clamped":
+        return
+    if {name.partition(".")[0] for name in rod.effects} & set(LENGTHENING):
+        return
+    motion, length = recording.motion, rod.rope.length_m
+    apart = np.linalg.norm(motion.end_m - motion.start_m, axis=1)
+    worst = int(np.argmax(apart))
+    if apart[worst] > (1 + TOO_LONG) * length:
+        at = f"at {motion.t_s[worst]:.4g} s the ends are held {apart[worst]:.4g} m apart"
+        mend = "check the length, or give axial_stretch or length_error"
+        LOG.warning("warning: %s: %s, the rope is %.4g m long; %s", recording.name, at, length, mend)
 
 
 __all__ = ["MOST_CORRECTIONS", "mesh_error", "refined", "simulated", "stands"]

@@ -20,7 +20,7 @@ from dlolib.sim.observe import Sampling, point_weights, sampling_of, viewing_axi
 from dlolib.sim.rod import Rod, scene_of, setup
 from dlolib.sim.scene import FRICTION
 from dlolib.sim.sides import Prediction, Sides, as_seen, sides_of, traced
-from dlolib.sim.simulate import Clock, Path, Rollout, State, roll_out
+from dlolib.sim.simulate import Clock, Path, Rollout, State, roll_out, stretches
 from dlolib.sim.start import first_shape, released, settle
 from dlolib.sim.steps import REMEMBERED, check_speed, dynamic_times, quasi_static_times
 from dlolib.types import Floats, Motion, Points, Pose, Recording
@@ -31,6 +31,8 @@ FIRST = 3
 SHORTER, SHORTEST = 0.25, 0.05
 # A moment at the first pose [s], longer than what a delay is differentiated with: it loses nothing either.
 EARLIER_S = 1e-3
+# A stretched rope begins a little longer than its ends are apart.
+STRAIGHT = 1.0001
 
 Made = TypeVar("Made")
 
@@ -134,10 +136,12 @@ class RecordingModel:
         if not self._held:
             nowhere = Path(path.x[:, :0], path.q[:, :0])
             return roll_out(scene_of([made]), self._released(made), nowhere, self._clock(made))
-        if self._shape_near is not None:
-            with contextlib.suppress(SimulationError):
-                return roll_out(scene_of([made]), self._shape_near, path.still(1), Clock(None, fresh=True))
-        return settle(scene_of([made]), self._first_shape(path), path)
+        with contextlib.suppress(SimulationError):
+            # a rope may be possible with what is new in it alone
+            near = self._shape_near
+            if near is not None:
+                return roll_out(scene_of([made]), near, path.still(1), Clock(None, fresh=True))
+        return settle(scene_of([made]), self._first_shape(path, made), path)
 
     @cached_property
     def _shape_near(self) -> State | None:
@@ -147,17 +151,25 @@ class RecordingModel:
         alone = replace(self, near=None)
         return alone.at_rest(self.near.with_particles(self.particles)).final.at_rest()
 
-    def _first_shape(self, path: Path) -> State:
-        """Where the search for the equilibrium at the first pose begins."""
+    def _first_shape(self, path: Path, made: Setup) -> State:
+        """Where the search for the equilibrium at the first pose begins: a rope as long as recorded, or as
+        this one is where that is too short, stretched if it may be."""
         rec = self.recording
         poses = [Pose(path.x[0, 0, k], path.q[0, 0, k]) for k in range(2)]
         start = poses[0] if rec.ends.start == "clamped" else None
         end = poses[1] if rec.ends.end == "clamped" else None
 
-        def made() -> State:
-            return first_shape(rec.rope.length_m, self.particles, start, end, rec.gravity_m_s2)
+        length_m, both = rec.rope.length_m, start is not None and end is not None
+        apart_m = float(np.linalg.norm(path.x[0, 0, 1] - path.x[0, 0, 0])) if both else 0.0
+        if apart_m > length_m:
+            length_m = made.length_m * (1.0 if path.span is None else float(path.span[0, 0]))
+            if length_m < apart_m <= (1 + stretches(scene_of([made]))[0]) * length_m:
+                length_m = apart_m * STRAIGHT
 
-        return self._kept.get(("shape", *path.x[0, 0].ravel(), *path.q[0, 0].ravel()), made)
+        def shape() -> State:
+            return first_shape(length_m, self.particles, start, end, rec.gravity_m_s2)
+
+        return self._kept.get(("shape", length_m, *path.x[0, 0].ravel(), *path.q[0, 0].ravel()), shape)
 
     @cached_property
     def _kept(self) -> Kept:

@@ -11,7 +11,7 @@ import numpy as np
 from dlolib.errors import ParameterError
 from dlolib.sim import shapes
 from dlolib.sim.effects import JOINT_WIDTH, applied, check, parameter
-from dlolib.sim.effects.base import Setup, particle_lengths
+from dlolib.sim.effects.base import Setup, particle_lengths, tip
 from dlolib.sim.profile import Profile, mean_compliance
 from dlolib.sim.scene import DRAG, INERTIA, LENGTH, LOAD, REST, STIFFNESS, UNIFORM, Scene, contact_points
 from dlolib.types import PER_DENSITY, Ends, Floats, Obstacle, Rope
@@ -133,7 +133,7 @@ def setup(
     gravity = np.asarray(gravity_m_s2, float)
     share = particle_lengths(length, n)
     weight = rod.linear_density * share
-    weight[-1] += rod.rope.tip_mass_kg
+    weight[tip(ends)] += rod.rope.tip_mass_kg
     particles = np.zeros((n, 5))
     particles[:, INERTIA] = weight
     particles[:, LOAD:] = weight[:, None] * gravity

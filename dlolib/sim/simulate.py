@@ -266,14 +266,19 @@ def refuse(status: np.ndarray) -> None:
     )
 
 
+def stretches(scene: Scene) -> Floats:
+    """By which share of its length each rope (B,) may be pulled longer, by many times its own weight."""
+    weight = np.linalg.norm(scene.force, axis=2).sum(axis=1)
+    return np.asarray(TORN_OVER_WEIGHT * weight / scene.segments[..., 3].min(axis=1))
+
+
 def _refuse_torn(rollout: Rollout) -> None:
     """Refuse a rope that is held longer than it can be, by its ends or obstacles, or pressed shorter."""
     scene, path = rollout.scene, rollout.path
     held, among = bool(scene.clamped.all()), scene.obstacles.shape[1] > 0
     if path.x.shape[1] == 0 or not (held or among):
         return
-    weight = np.linalg.norm(scene.force, axis=2).sum(axis=1)
-    most = TORN + TORN_OVER_WEIGHT * weight / scene.segments[..., 3].min(axis=1)
+    most = TORN + stretches(scene)
     span = 1.0 if path.span is None else path.span[:, 1:]
     over = np.zeros(path.x.shape[:2])
     if held:

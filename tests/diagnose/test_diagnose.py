@@ -12,6 +12,7 @@ from sim.ropes import EI, GJ, GRAVITY, LEVEL, ROPE
 from dlolib.cli import run
 from dlolib.diagnose import DiagnoseSettings, Diagnosis, diagnose, locate, search, write_diagnosis
 from dlolib.diagnose.detect import gain_needed
+from dlolib.diagnose.diagnose import _check, raw_study
 from dlolib.diagnose.fitting import fit, hypothesis
 from dlolib.errors import ParameterError
 from dlolib.formats import read_fit, read_recording, read_verdict, write_recording
@@ -189,6 +190,16 @@ def test_a_motion_that_is_not_the_ropes_is_refused() -> None:
     motion = replace(recording.motion, end_m=np.add(recording.motion.end_m, (0.05, 0.0, 0.0)))
     with pytest.raises(ParameterError, match="end was seen 50 mm from where it was held"):
         diagnose([replace(recording, motion=motion)], QUICK)
+
+
+def test_one_object_may_have_been_measured_twice() -> None:
+    """By a length that differs by half a millimetre it is no other one; what that means is each one's own."""
+    first = made({})
+    longer = replace(first, rope=replace(ROPE, length_m=1.001 * ROPE.length_m), name="other")
+    _check([first, longer])
+    study = raw_study([first, longer], QUICK)
+    rods = [study.rod(k, {"bending_stiffness": 3e-4}) for k in range(2)]
+    assert [rod.rope.length_m for rod in rods] == [ROPE.length_m, 1.001 * ROPE.length_m]
 
 
 def test_different_objects_are_refused() -> None:

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from sim.test_recording import recording
 
+from dlolib.diagnose.diagnose import raw_study
 from dlolib.diagnose.noise import known_noise, noise_left
+from dlolib.diagnose.study import DiagnoseSettings
 from dlolib.diagnose.whitening import Whitener, grid_of, lasting
 from dlolib.errors import ParameterError
 from dlolib.types import Floats, Motion, Noise, Points, Recording
@@ -95,7 +97,7 @@ def test_numbers_are_found_again(points: float, frames: float) -> None:
     made, _ = noisy(Noise(SIGMA, points, frames), lost=0.05)
     known = known_noise(made)
     assert known is not None
-    found, source = known
+    found, source, _ = known
     assert source == "frames 0 to 29, which stand still"
     assert found.sigma_m == pytest.approx(SIGMA, rel=0.08)
     for value, true in ((found.correlation_points, points), (found.correlation_frames, frames)):
@@ -108,7 +110,7 @@ def test_without_static_frames_the_quick_part_tells() -> None:
     wave = 0.02 * np.sin(made.points.t_s)[:, None] * made.points.s_m[:, None]
     moving = replace(made, motion=recording().motion, static_frames=None)
     assert known_noise(moving) is None
-    found, source = noise_left(moving, values + wave)
+    found, source, _ = noise_left(moving, values + wave)
     assert source == "quick part of the residuals"
     assert found.sigma_m == pytest.approx(SIGMA, rel=0.1)
 
@@ -121,14 +123,37 @@ def test_frames_in_which_an_end_moves_do_not_stand_still() -> None:
     assert refused.value.place == "static_frames"
 
 
-@pytest.mark.parametrize(("given", "holds"), [(SIGMA / 15, False), (SIGMA / 1.5, True), (3 * SIGMA, True)])
+@pytest.mark.parametrize(
+    ("given", "holds"), [(SIGMA / 15, False), (SIGMA / 1.9, False), (SIGMA / 1.3, True), (3 * SIGMA, True)]
+)
 def test_a_given_deviation_holds_unless_points_at_rest_scatter_more(given: float, holds: bool) -> None:
     made, _ = noisy(Noise(SIGMA, 0.0, 0.0))
     known = known_noise(replace(made, position_noise_m=given))
     assert known is not None
-    noise, source = known
+    noise, source, _ = known
     assert noise.sigma_m == pytest.approx(given if holds else SIGMA, rel=0.08)
-    assert "position_noise_m" in source and ("scatter 14.7" in source) is not holds
+    assert "position_noise_m" in source and ("scatter" in source) is not holds
+
+
+@pytest.mark.parametrize(("given", "holds"), [(SIGMA / 3, False), (SIGMA / 1.2, True), (2 * SIGMA, True)])
+def test_given_covariances_and_noise_hold_unless_points_at_rest_scatter_more(
+    given: float, holds: bool
+) -> None:
+    """A tracker that is too sure of itself makes all that it sees physics."""
+    made, _ = noisy(Noise(SIGMA, 0.0, 0.0))
+    covariance = np.tile(given**2 * np.eye(3), (len(made.points.s_m), 1, 1))
+    sure = replace(made, points=replace(made.points, covariance_m2=covariance))
+    told = known_noise(sure)
+    assert told is not None
+    assert told.wider == pytest.approx(1.0 if holds else SIGMA / given, rel=0.08)
+    assert ("times as much as points.csv: the covariances" in told.whence) is not holds
+    raw = raw_study([sure], DiagnoseSettings(), [told.wider])
+    roots = raw.seen[0].whitener.covariance_m2
+    assert roots is not None
+    assert np.sqrt(roots[0, 0, 0]) == pytest.approx(given if holds else SIGMA, rel=0.08)
+    known = known_noise(replace(made, noise=Noise(given, 0.0, 0.0)))
+    assert known is not None
+    assert known.noise.sigma_m == pytest.approx(given if holds else SIGMA, rel=0.08) and known.wider == 1.0
 
 
 def test_points_that_say_the_same_again_tell_no_noise() -> None:
@@ -137,7 +162,7 @@ def test_points_that_say_the_same_again_tell_no_noise() -> None:
     first = still.points.xyz_m[:20]
     same = replace(still, points=replace(still.points, xyz_m=np.tile(first, (30, 1))))
     assert known_noise(still) is not None and known_noise(same) is None
-    noise, _ = noise_left(same, np.zeros_like(same.points.xyz_m))
+    noise, _, _ = noise_left(same, np.zeros_like(same.points.xyz_m))
     assert noise.sigma_m == pytest.approx(1e-6)
 
 

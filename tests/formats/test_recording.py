@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +38,7 @@ def shared_folder(request: pytest.FixtureRequest) -> Path:
 
 
 def test_shared_recordings_are_read_without_complaint_and_survive_a_round_trip(
-    shared: Path, tmp_path: Path
+    shared: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     folders = sorted(path.parent for path in shared.glob("*/recording.json"))
     assert folders
@@ -47,6 +48,7 @@ def test_shared_recordings_are_read_without_complaint_and_survive_a_round_trip(
         assert len(recording.points.s_m) > 40
         write_recording(recording, tmp_path / "again")
         assert_equal(recording, read_recording(tmp_path / "again"))
+    assert "is not read" not in caplog.text
 
 
 def test_the_shared_clouds_are_read() -> None:
@@ -187,6 +189,31 @@ def test_a_point_that_is_known_exactly_is_named(tmp_path: Path) -> None:
     write_recording(dataclasses.replace(made, points=points), tmp_path / "r")
     said = refused(tmp_path / "r", "points.csv")
     assert "line 4, column cxx_m2: is no covariance" in said and "give above 0" in said
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "says"),
+    [
+        ("quasistatic", False, "quasistatic: is not read; write quasi_static, if it is meant"),
+        ("object.diameter", 0.008, "object.diameter: is not read; write diameter_m, if it is meant"),
+        ("gravity", [0, 0, -1], None),
+        ("operator", "A. N. Other", None),
+    ],
+)
+def test_a_key_that_looks_misspelt_is_named_and_others_are_left_alone(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, key: str, value: Any, says: str | None
+) -> None:
+    path = samples.recording_folder(tmp_path / "small") / "recording.json"
+    content = json.loads(path.read_text())
+    # what is null is written, and a key that is there is not meant by another
+    content["object"].pop("diameter_m")
+    content.pop("quasi_static")
+    inside, _, name = key.rpartition(".")
+    (content[inside] if inside else content)[name] = value
+    path.write_text(json.dumps(content))
+    read_recording(path.parent)
+    said = [record.getMessage() for record in caplog.records]
+    assert said == ([] if says is None else [f"warning: {path}: {says}"])
 
 
 @pytest.mark.parametrize("name", ["recording.json", "motion.csv", "points.csv"])

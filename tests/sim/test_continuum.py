@@ -7,10 +7,12 @@ import pytest
 from sim.ropes import EI, GJ, ROPE
 from sim.test_recording import recording
 
+from dlolib.errors import SimulationError
 from dlolib.sim.continuum import mesh_error, refined, simulated
 from dlolib.sim.recording import RecordingModel
 from dlolib.sim.rod import Rod
 from dlolib.sim.steps import dynamic_step
+from dlolib.types import Ends, Motion, Obstacle, Points, Recording
 
 
 def off(model: RecordingModel, finely: RecordingModel) -> tuple[float, float]:
@@ -59,3 +61,80 @@ def test_a_simulated_recording_is_the_continuous_rods() -> None:
     true = simulated(made, rod.with_particles(465)).points.xyz_m
     assert np.abs(simulated(made, rod, finer=4).points.xyz_m - true).max() < 2e-5
     assert np.abs(simulated(made, rod).points.xyz_m - true).max() > 5e-4
+
+
+def laid_over_a_cylinder() -> Recording:
+    """A rope whose end comes down while it lies on a smooth cylinder: which way it slips off no law says."""
+    made = recording()
+    cylinder = Obstacle(
+        "cylinder",
+        {"center_m": (0.165, 0.0, -0.1), "axis": (0.0, 1.0, 0.0), "radius_m": (0.03,), "height_m": (0.2,)},
+    )
+    start, end = np.zeros((2, 3)), np.array([[0.43, 0, 0], [0.33, 0, 0]])
+    level = np.tile([0.5, 0.5, 0.5, 0.5], (2, 1))
+    motion = Motion(np.array([0.0, 10.0]), start, level, end, level)
+    s_m = np.tile(np.linspace(0, 0.445, 45), 2)
+    points = Points(np.repeat([0, 1], 45), np.repeat([0.0, 10.0], 45), s_m, np.zeros((90, 3)))
+    return replace(made, motion=motion, points=points, obstacles=(cylinder,))
+
+
+def test_two_meshes_that_take_two_shapes_make_no_third(caplog: pytest.LogCaptureFixture) -> None:
+    made, rod = laid_over_a_cylinder(), Rod(ROPE, EI, GJ, particles=30)
+    own = simulated(made, rod).points.xyz_m
+    fine = simulated(made, rod.with_particles(117)).points.xyz_m
+    assert np.abs(own - fine).max() > 0.02
+    caplog.clear()
+    np.testing.assert_array_equal(simulated(made, rod, finer=4).points.xyz_m, own)
+    assert "its shape depends on the mesh: a finer one takes another" in caplog.text
+
+
+def stretched(apart_m: float) -> Recording:
+    """Held so far apart from the first pose on."""
+    made = recording()
+    motion = made.motion
+    end = np.tile([apart_m, 0.0, 0.0], (len(motion.t_s), 1))
+    return replace(made, motion=replace(motion, start_m=0 * end, end_m=end, end_q=motion.start_q))
+
+
+@pytest.mark.parametrize(
+    "effects", [{"length_error.relative": 0.05}, {"axial_stretch.axial_stiffness": 10.0}], ids=str
+)
+def test_what_makes_a_rope_long_enough_counts_from_the_first_pose_on(
+    effects: dict[str, float], caplog: pytest.LogCaptureFixture
+) -> None:
+    rod, made = Rod(ROPE, EI, GJ, particles=30), stretched(0.45)
+    with pytest.raises(SimulationError, match="0.45 m apart, the rope is 0.445 m long"):
+        simulated(made, rod)
+    xyz_m = simulated(made, replace(rod, effects=effects)).points.xyz_m
+    assert np.isfinite(xyz_m).all() and not caplog.text
+    assert xyz_m[:, 2].min() > -0.06
+
+
+def test_a_rope_that_is_pulled_longer_than_it_is_is_said(caplog: pytest.LogCaptureFixture) -> None:
+    made = stretched(0.46)
+    opened = np.linspace([0.40, 0, 0], [0.46, 0, 0], len(made.motion.t_s))
+    made = replace(made, motion=replace(made.motion, end_m=opened))
+    simulated(made, Rod(ROPE, EI, GJ, particles=30))
+    assert "the ends are held 0.46 m apart, the rope is 0.445 m long; check the length" in caplog.text
+
+
+def test_the_mass_at_the_tip_hangs_at_the_free_end_whichever_it_is() -> None:
+    """A cantilever seen from either side; with a lump and a gradient, which count from the start on."""
+    made, rope = recording(), replace(ROPE, tip_mass_kg=0.01)
+    rows = len(made.motion.t_s)
+    held, turn = np.zeros((rows, 3)), np.tile([0.5, 0.5, 0.5, 0.5], (rows, 1))
+    nowhere, unturned = np.full((rows, 3), np.nan), np.full((rows, 4), np.nan)
+    forth = replace(
+        made, rope=rope, ends=Ends("clamped", "free"),
+        motion=Motion(made.motion.t_s, held, turn, nowhere, unturned),
+    )  # fmt: skip
+    back = replace(
+        forth, ends=Ends("free", "clamped"), motion=Motion(made.motion.t_s, nowhere, unturned, held, turn),
+        points=replace(made.points, s_m=0.445 - made.points.s_m),
+    )  # fmt: skip
+    lump = {"mass_profile.mass": 0.002}
+    rod = Rod(rope, 2e-2, 2e-2, {**lump, "mass_profile.s": 0.1, "mass_profile.gradient": 0.3}, 30)
+    other = replace(rod, effects={**lump, "mass_profile.s": 0.345, "mass_profile.gradient": -0.3})
+    here, there = simulated(forth, rod).points.xyz_m, simulated(back, other).points.xyz_m
+    assert here[:, 2].min() < -0.1
+    np.testing.assert_allclose(there * [-1, 1, 1], here, atol=1e-7)

@@ -149,6 +149,11 @@ class Camera:
     shift_m: tuple[float, float, float] = NO_SHIFT
 
 
+def tip(ends: Ends) -> int:
+    """The particle at which a rope's tip mass is: the last one, unless the start alone is free."""
+    return 0 if ends.start == "free" and ends.end == "clamped" else -1
+
+
 @dataclass(frozen=True)
 class Setup:
     """One rope before it is moved: its discretisation, its surroundings, how it is held and seen.

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dlolib.sim.effects.base import Parameter, Setup
+from dlolib.sim.effects.base import Parameter, Setup, tip
 from dlolib.sim.scene import INERTIA, LOAD
 from dlolib.types import Floats
 
@@ -33,7 +33,8 @@ def apply(setup: Setup, values: Mapping[str, float]) -> Setup:
     """Further weight and inertia on the particles."""
     arc = setup.arc_m
     length = arc[-1]
-    rope = setup.weight - np.append(np.zeros(len(arc) - 1), setup.rope.tip_mass_kg)
+    rope = setup.weight.copy()
+    rope[tip(setup.ends)] -= setup.rope.tip_mass_kg
     more = rope * values["gradient"] * (2 * _centres(arc) / length - 1)
     more = more + values["mass"] * shares(arc, values["s"])
     particles = setup.particles.copy()
