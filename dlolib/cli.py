@@ -203,6 +203,9 @@ def diagnose(
         list[str] | None,
         typer.Option("--without", metavar="EFFECT", help="Take an effect out of the library."),
     ] = None,
+    full: Annotated[
+        bool, typer.Option("--full", help="Fit all pairs of effects, not those alone that promise something.")
+    ] = False,
     quasi_static: QuasiStatic = None,
     workers: Annotated[
         int | None, typer.Option(min=1, help="Processes; the verdict does not depend on them.")
@@ -222,7 +225,7 @@ def diagnose(
             raise ParameterError(problem, place="--without", mend=f"choose from {', '.join(sorted(EFFECTS))}")
     given = [_recording(folder, quasi_static) for folder in recordings]
     settings = _diagnose_settings(tuple(without or ()))
-    settings = replace(settings, workers=workers or settings.workers)
+    settings = replace(settings, full=full, workers=workers or settings.workers)
     diagnosis = diagnose_recordings(given, settings)
     with whole_folder(out) as folder:
         write_diagnosis(diagnosis, folder)

@@ -59,7 +59,7 @@ class Searched:
 
 
 def search(study: Study, settings: DiagnoseSettings, run: Workers) -> Searched:
-    """Fit the baseline, every effect alone, and the pairs that promise something.
+    """Fit the baseline, every effect alone, and the pairs that promise something, or all of them.
 
     A second effect is sought where the elastic rod may leave more than noise, further ones only where the
     best model does not explain what is seen.
@@ -71,7 +71,11 @@ def search(study: Study, settings: DiagnoseSettings, run: Workers) -> Searched:
     together = models and sum(poses(one.model) for one in study.seen) >= FEWEST_POSES
     for size in range(2, settings.most_effects + 1 if together else 0):
         best = _best(study, models)
-        if size == 2 and not (amiss(elastic) or best.by_chance(elastic) < settings.chance):
+        if size == 2 and settings.full:
+            _beside(
+                study, models, [one.effects for one in _ordered(study, models.values())], tried, settings, run
+            )
+        elif size == 2 and not (amiss(elastic) or best.by_chance(elastic) < settings.chance):
             break
         if size > 2 and (len(best.effects) < size - 1 or _done(study, best, elastic)):
             break
@@ -274,7 +278,7 @@ def _parts(study: Study, models: Models, size: int, tie: float) -> list[Effects]
 def _partners(study: Study, fewer: Fitted, settings: DiagnoseSettings, run: Workers) -> list[Fitted]:
     """Every other effect beside those of a model: screened by a linear step, the promising ones fitted, and
     those of which none tells: what sets in past a threshold, and, where it promises something from any
-    stiffness, what a rope is too stiff for want of."""
+    stiffness, what a rope is too stiff for want of. In full, all of them beside one."""
     hints = hints_of(study, fewer)
     have = terms_of(fewer)
     tasks = [
@@ -296,7 +300,10 @@ def _partners(study: Study, fewer: Fitted, settings: DiagnoseSettings, run: Work
     kept = [
         task
         for task, name, gain in zip(tasks, added, gains, strict=True)
-        if abrupt(name) or (name in ranked and stiffens(name)) or (name in first and gain > PROMISING)
+        if (settings.full and len(have) == 1)
+        or abrupt(name)
+        or (name in ranked and stiffens(name))
+        or (name in first and gain > PROMISING)
     ]
     found = [one for one in run(fit_first, kept, f"fits beside {beside}") if one is not None]
     return _refined(study, found, fewer, run, f"beside {beside}")

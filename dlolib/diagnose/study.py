@@ -56,6 +56,7 @@ class DiagnoseSettings:
         most_effects: no model has more.
         starts: from how many of its starting points a model is fitted in full.
         partners: how many effects are tried beside the best one.
+        full: every pair is fitted, and not only those that promise something.
         workers: processes.
         heldout_share: share of the frames, the last ones, held out where the recording does not say which.
         most_frames: of a recording with more only every second, third or later one is looked at.
@@ -71,6 +72,7 @@ class DiagnoseSettings:
     most_effects: int = 4
     starts: int = 2
     partners: int = 6
+    full: bool = False
     workers: int = 2
     heldout_share: float = 0.25
     most_frames: int = 200

@@ -1,5 +1,6 @@
 """The diagnosis as a whole on small recordings that our own rod made: planted, found; absent, not named."""
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
@@ -112,6 +113,17 @@ def test_a_second_effect_is_sought_where_the_first_leaves_but_noise(monkeypatch:
     monkeypatch.setattr(search, "amiss", lambda model: False)
     verdict = diagnose([made({**PLANTED["spot"], "clock_offset.time": 0.03})], QUICK).verdict
     assert {one.name for one in verdict.effects} == {"stiffness_profile", "clock_offset"}
+
+
+@pytest.mark.parametrize("full", [False, True])
+def test_in_full_every_pair_is_fitted_whatever_it_promises(full: bool) -> None:
+    three = ("clock_offset", "end_angle", "plastic_bending")
+    settings = replace(QUICK, partners=1, full=full, without=tuple(set(EFFECTS) - set(three)))
+    done = diagnose([made(PLANTED["nothing"])], settings)
+    pairs = {one.effects for one in done.found.searched.models if len(one.effects) == 2}
+    every = set(itertools.combinations(three, 2))
+    assert pairs == every if full else pairs < every
+    assert done.verdict.status == "no_mismatch"
 
 
 def test_of_many_frames_some_are_looked_at_evenly() -> None:
