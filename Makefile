@@ -114,6 +114,12 @@ proof-sizes: COUNT = 100
 proof-sizes: .venv/installed ## COUNT=100 effects planted at exactly the size that `detectable` names (3 hours)
 	@python -m stages.proof_sizes --count "$(COUNT)"
 
+.PHONY: proof-screen
+proof-screen: SEED = 1
+proof-screen: COUNT = 12
+proof-screen: .venv/installed ## what the screen of pairs misses, on COUNT=12 recordings of the calibration of SEED=1
+	@python -m stages.proof_screen --seed "$(SEED)" --count "$(COUNT)"
+
 .PHONY: proof-images
 proof-images: COUNT = 40
 proof-images: .venv/installed ## COUNT=40 recordings as of the proof, but from rendered depth images (2 hours)
