@@ -115,13 +115,16 @@ def test_a_block_is_read_without_the_others(tmp_path: Path) -> None:
         (params.Identify, IdentifySettings, {"particles", "longest_segment_m", "time_step_s", "sweeps"}),
         (params.PaperDescent, DescentSettings, set()),
         (params.Learn, LearnSettings, {"particles", "loss"}),
-        (params.Diagnose, DiagnoseSettings, {"particles", "longest_segment_m", "time_step_s"}),
+        (params.Diagnose, DiagnoseSettings, {"particles", "longest_segment_m", "time_step_s", "full"}),
         (params.LabRope, LabRope, set()),
         (params.LabSensor, Sensor, set()),
     ],
 )
 def test_blocks_offer_every_setting(block: type[params.Block], settings: type, elsewhere: set[str]) -> None:
-    """What can be set in the code can be set in params.yaml; `elsewhere`: in block `rod`, or by the stage."""
+    """What can be set in the code can be set in params.yaml.
+
+    `elsewhere`: in block `rod`, by the stage, or for one run only by an option.
+    """
     assert {field.name for field in fields(settings)} - elsewhere <= set(block.model_fields)
 
 
