@@ -17,11 +17,11 @@ from scipy.spatial.transform import Rotation
 from dlolib.captures import ros_images
 from dlolib.captures.aligned import aligned
 from dlolib.captures.bag import Bag, stamp_s
-from dlolib.captures.clock import Pairs, check_clock, paired, together
+from dlolib.captures.clock import Pairs, check_clock, paired
 from dlolib.captures.foreign import Asked, FramesAlone, Shot
 from dlolib.captures.lens import Lens
 from dlolib.captures.plausible import unpaired
-from dlolib.captures.ros_images import Role, Spot
+from dlolib.captures.ros_images import Found, Role, Spot
 from dlolib.errors import FormatError
 from dlolib.formats import Given
 from dlolib.types import Floats
@@ -91,16 +91,11 @@ class RealSense(FramesAlone):
 
     def shots(self) -> Iterator[Shot]:
         """Each pair at the stamp of its depth image."""
-        roles = {_images(stream): role for role, stream in self.streams.items()}
-        with Bag(self.path) as bag:
-            items = (
-                (roles[topic], number, (message, Spot(self.path, f"{topic}, message {number}")))
-                for topic, number, _, message in bag.messages(list(roles))
-            )
-            for number, depth, color in together(items, self.pairs):
-                yield self._shot(float(self.depth_s[number]), depth, color)
+        topics = {role: _images(stream) for role, stream in self.streams.items()}
+        for number, depth, color in ros_images.pairs_of(self.path, topics, self.pairs):
+            yield self._shot(float(self.depth_s[number]), depth, color)
 
-    def _shot(self, t_s: float, depth: tuple[Any, Spot], color: tuple[Any, Spot]) -> Shot:
+    def _shot(self, t_s: float, depth: Found, color: Found) -> Shot:
         picture, units = ros_images.color(*color), ros_images.depth(*depth)
         _check_size(picture, self.sizes["color"], color[1])
         _check_size(units, self.sizes["depth"], depth[1])

@@ -12,12 +12,12 @@ import numpy as np
 
 from dlolib.captures import ros_images, ros_poses
 from dlolib.captures.bag import STORED, Bag, stamp_s
-from dlolib.captures.clock import Pairs, check_clock, paired, together
+from dlolib.captures.clock import Pairs, check_clock, paired
 from dlolib.captures.foreign import Asked, Shot
 from dlolib.captures.lens import Lens
 from dlolib.captures.plausible import unpaired
 from dlolib.captures.poses import end_motion, one_pose
-from dlolib.captures.ros_images import Role, Spot
+from dlolib.captures.ros_images import Found, Role, Spot
 from dlolib.errors import FormatError
 from dlolib.formats import Given
 from dlolib.types import Floats, Motion
@@ -85,16 +85,10 @@ class RosBag:
 
     def shots(self) -> Iterator[Shot]:
         """Each pair at the stamp of its depth image."""
-        roles = {topic: role for role, topic in self.topics.items()}
-        with Bag(self.path) as bag:
-            items = (
-                (roles[topic], number, (message, Spot(self.path, f"{topic}, message {number}")))
-                for topic, number, _, message in bag.messages(list(roles))
-            )
-            for number, depth, color in together(items, self.pairs):
-                yield self._shot(float(self.depth_s[number]), depth, color)
+        for number, depth, color in ros_images.pairs_of(self.path, self.topics, self.pairs):
+            yield self._shot(float(self.depth_s[number]), depth, color)
 
-    def _shot(self, t_s: float, depth: tuple[Any, Spot], color: tuple[Any, Spot]) -> Shot:
+    def _shot(self, t_s: float, depth: Found, color: Found) -> Shot:
         units, picture = ros_images.depth(*depth), ros_images.color(*color)
         frames = [message.header.frame_id for message, _ in (depth, color)]
         if units.shape != picture.shape[:2] or (all(frames) and frames[0] != frames[1]):

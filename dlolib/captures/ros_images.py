@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -11,7 +11,9 @@ from typing import Any, Literal
 import cv2
 import numpy as np
 
+from dlolib.captures.bag import Bag
 from dlolib.captures.base import Image
+from dlolib.captures.clock import Pairs, together
 from dlolib.captures.foreign import Units
 from dlolib.captures.lens import PINHOLE, Lens
 from dlolib.captures.pictures import decode_color, decode_depth, decode_png
@@ -52,6 +54,21 @@ class Spot:
     def refusal(self, problem: str, mend: str) -> FormatError:
         """The error that names file and message."""
         return FormatError(problem, file=self.path, place=self.place, mend=mend)
+
+
+# A message, and where it comes from.
+Found = tuple[Any, Spot]
+
+
+def pairs_of(path: Path, topics: Mapping[Role, str], pairs: Pairs) -> Iterator[tuple[int, Found, Found]]:
+    """Of each depth image in a bag that has a partner: its number, itself, and the colour image beside it."""
+    roles = {topic: role for role, topic in topics.items()}
+    with Bag(path) as bag:
+        items = (
+            (roles[topic], number, (message, Spot(path, f"{topic}, message {number}")))
+            for topic, number, _, message in bag.messages(list(roles))
+        )
+        yield from together(items, pairs)
 
 
 def encoding(message: Any) -> str:
