@@ -225,7 +225,7 @@ def diagnose(
             raise ParameterError(problem, place="--without", mend=f"choose from {', '.join(sorted(EFFECTS))}")
     given = [_recording(folder, quasi_static) for folder in recordings]
     settings = _diagnose_settings(tuple(without or ()))
-    settings = replace(settings, full=full, workers=workers or settings.workers)
+    settings = replace(settings, full=full or settings.full, workers=workers or settings.workers)
     diagnosis = diagnose_recordings(given, settings)
     with whole_folder(out) as folder:
         write_diagnosis(diagnosis, folder)

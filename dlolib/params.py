@@ -165,6 +165,7 @@ class Diagnose(Block):
     most_effects: Annotated[int, Field(ge=1, le=5)]
     starts: Count
     partners: Count
+    full: bool
     workers: Count
     heldout_share: Annotated[float, Field(ge=0, lt=1)]
     most_frames: Count

@@ -188,6 +188,58 @@ def _cubic(x: Floats, y: Floats, at: float) -> float:
 
 
 @dataclass(frozen=True)
+class Standing:
+    """How far the tip of a standing rope hangs beside its foot, found and in theory (., ) over the length, by
+    its weight over EI / L²; and the weight at which it falls, found and in theory."""
+
+    weight: Floats
+    aside: Floats
+    exact: Floats
+    found: float
+    theory: float
+
+
+# 9/4 of the square of the first zero of the Bessel function of order -1/3.
+GREENHILL = 7.8373
+
+
+def standing(particles: int = 60) -> Standing:
+    """A rope clamped at its foot, straight up: it falls where its weight is 7.8373 EI / L².
+
+    Greenhill, Proc. Cambridge Phil. Soc. 4 (1881). No ropes but straight ones are begun with, and nothing
+    pushes them. Beyond that the elastica EI α'' = -w (L - s) sin α says how far; the square of that grows
+    evenly with the weight, and its zero is where the rope falls.
+    """
+    weight, up = GREENHILL * np.linspace(0.98, 1.06, 9), pose(0.0, 0.0, np.pi / 2)
+    aside = []
+    for w in weight:
+        ei = DENSITY * 9.81 * LENGTH**3 / w
+        tip = rest(Rod(ROPE, ei, ei, particles=particles), up, None)[1].final.x[0, -1]
+        aside.append(float(np.hypot(tip[0], tip[1])) / LENGTH)
+    found = np.array(aside)
+    fallen = found > 0.01
+    line = np.polyfit(weight[fallen], found[fallen] ** 2, 2)
+    root = brentq(lambda w: float(np.polyval(line, w)), 0.9 * GREENHILL, weight[-1])
+    return Standing(weight, found, np.array([_leans(w) for w in weight]), float(root), GREENHILL)
+
+
+def _leans(weight: float) -> float:
+    """How far the tip of a standing elastica hangs beside its foot, over the length."""
+    if weight <= GREENHILL:
+        return 0.0
+    s = np.linspace(0.0, 1.0, 201)
+    lean = 2.0 * np.sqrt(weight / GREENHILL - 1)
+    guess = lean * np.array([np.sin(np.pi * s / 2), np.pi / 2 * np.cos(np.pi * s / 2)])
+    solved = solve_bvp(
+        lambda at, a: np.array([a[1], -weight * (1 - at) * np.sin(a[0])]),
+        lambda a, b: np.array([a[0], b[1]]), s, guess, tol=1e-9,
+    )  # fmt: skip
+    if not solved.success:
+        raise RuntimeError(f"the standing rope's boundary-value problem: {solved.message}")
+    return float(abs(np.trapezoid(np.sin(solved.sol(s)[0]), s)))
+
+
+@dataclass(frozen=True)
 class Capstan:
     """Tension of every segment [N] over its angle on the cylinder [rad], and the ratio of both sides."""
 

@@ -43,9 +43,9 @@ of [`stages/cases.py`](../stages/cases.py), which names its source.
 
 ## Stability
 
-![Growth of a twisted ring's second mode](validation/michell.svg)
+![Growth of a twisted ring's second mode; how far a standing rope hangs over](validation/stability.svg)
 
-{michell}
+{stability}
 
 ## Friction
 
@@ -69,12 +69,12 @@ of [`stages/cases.py`](../stages/cases.py), which names its source.
 
 def main() -> None:
     elastica, catenary, cantilever = cases.elastica(), cases.catenary(), cases.cantilever()
-    ring, rope = cases.michell(), cases.capstan()
+    ring, standing, rope = cases.michell(), cases.standing(), cases.capstan()
     plastic, relaxation, creep = cases.plastic(), cases.relaxation(), cases.creep()
     beam = cases.oscillation()
     with rc_context(STYLE):
         _shapes({"elastica": elastica, "catenary": catenary, "cantilever": cantilever})
-        _michell(ring)
+        _stability(ring, standing)
         _capstan(rope)
         _laws(plastic, relaxation, creep)
         _oscillation(beam)
@@ -83,6 +83,10 @@ def main() -> None:
         ("catenary, EI = 1e-9 N m²", "z = a cosh(x / a)", _converges(catenary)),
         ("light cantilever with a tip mass", "boundary-value problem (`solve_bvp`)", _converges(cantilever)),
         ("twisted ring (Michell)", "2π √3 EI / GJ", _off(ring.found, ring.theory, "buckles at {:.2f} rad")),
+        (
+            "standing rope (Greenhill)", "7.8373 EI / L²",
+            _off(standing.found, standing.theory, "falls at a weight of {:.3f} EI / L²"),
+        ),
         ("capstan, μ = 0.3, half a turn", "e^(μπ)", _off(rope.ratio, rope.theory, "tension ratio {:.3f}")),
         (
             "plastic ring-back", "(κ - κy) / (1 + H)",
@@ -104,11 +108,14 @@ def main() -> None:
         "stretch: an inextensible rope is one with an axial stiffness that its load strains by 3e-5 "
         "(`dlolib.sim.rod.WEIGHT_STRAIN`)."
     )
-    michell = (
-        "Growth a step of the second harmonic of a ring put a little out of its plane, by twist; where the "
-        f"line crosses 1 the ring buckles: at {ring.found:.2f} rad, Michell's {ring.theory:.2f} rad is "
+    stability = (
+        "Left: growth a step of the second harmonic of a ring put a little out of its plane, by twist; where "
+        f"the line crosses 1 the ring buckles: at {ring.found:.2f} rad, Michell's {ring.theory:.2f} rad is "
         "dotted. The ring can turn about its clamp's tangent at no cost, so no single quasi-static "
-        "equilibrium exists and none is asked for."
+        "equilibrium exists and none is asked for. Right: how far the tip of a rope that stands on a clamp "
+        "hangs beside its foot, over the length, by its weight (dots), and the elastica's (line). It is "
+        "begun straight up and nothing pushes it: it stays where that is stable and falls where it is not. "
+        f"Greenhill's {standing.theory:.3f} EI / L² is dotted."
     )
     capstan = (
         "A rope over half a cylinder with 0.5 kg on one side, drawn 50 mm down on the other until it slides "
@@ -125,7 +132,7 @@ def main() -> None:
         f"step: order {_order_in_time(beam):.2f} in time (dotted: ln(1 + ω² dt²) / (2 dt))."
     )
     page = PAGE.format(
-        table=table, shapes=shapes, michell=michell, capstan=capstan, laws=laws, oscillation=oscillation
+        table=table, shapes=shapes, stability=stability, capstan=capstan, laws=laws, oscillation=oscillation
     )
     with whole_file(Path("docs/validation.md")) as file:
         file.write_text(page, encoding="utf-8")
@@ -172,14 +179,18 @@ def _shapes(found: dict[str, cases.Shapes]) -> None:
     save(figure, FOLDER, "shapes")
 
 
-def _michell(ring: cases.Buckling) -> None:
-    figure = canvas(52, 90)
-    axes = figure.subplots()
+def _stability(ring: cases.Buckling, standing: cases.Standing) -> None:
+    figure = canvas(52)
+    axes, other = figure.subplots(1, 2)
+    other.plot(standing.weight, standing.exact, color=OBSERVED, linewidth=0.8)
+    other.plot(standing.weight, standing.aside, "o", color=ROD, markersize=3)
+    other.axvline(standing.theory, color=OBSERVED, linestyle=DOTTED)
+    other.set(xlabel="weight over EI / L²", ylabel="tip aside over the length")
     axes.plot(ring.twist, ring.growth, "o-", color=ROD, markersize=3)
     axes.axhline(1.0, color=PAPER, linewidth=0.8)
     axes.axvline(ring.theory, color=OBSERVED, linestyle=DOTTED)
     axes.set(xlabel="twist [rad]", ylabel="growth a step")
-    save(figure, FOLDER, "michell")
+    save(figure, FOLDER, "stability")
 
 
 def _capstan(rope: cases.Capstan) -> None:

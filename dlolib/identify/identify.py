@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
@@ -23,11 +24,15 @@ from dlolib.sim.steps import dynamic_step
 from dlolib.sim.upright import ROLL, ROLLS
 from dlolib.types import Estimate, Fit, Floats, Recording
 
+LOG = logging.getLogger(__name__)
+
 # EI over linear density where the search begins [m^4/s^2]: a decade either side is tried as well.
 FIRST_STIFFNESS_M4_S2 = (1e-3, 1e-2, 1e-1)
 START_FACTORS = (1.0, 0.1, 10.0)
 # The mesh of the discretisation correction, so many times as fine.
 FINER = 4
+# A value this near to its bound, in what counts as a change of one, is at it.
+AT_BOUND = 1e-3
 
 
 @dataclass(frozen=True)
@@ -128,6 +133,7 @@ def identify(
     if Unknown("bending_stiffness") in problem.unknowns:
         stiff = float(problem.rod(0, theta).bending_stiffness)
         _check_loaded(recordings, stiff, f"at the best EI, {stiff:.2g} N m^2, its weight does not bend it")
+    _say_bounded(problem, theta)
     low, high = jackknife(problem, theta)
     # frames that a recording declares as held out were never in the fit; of others the last are left out now
     heldout = [_heldout(recording, settings) for recording in recordings]
@@ -230,8 +236,19 @@ def _check_loaded(recordings: Sequence[Recording], stiffness: float, why: str) -
         raise ParameterError(
             f"no load tells how stiff the rope is: {why}",
             place="gravity_m_s2",
-            mend="correct gravity, or record the rope with a mass at its tip",
+            mend="correct gravity, or quasi_static where it swings, or record it with a mass at its tip",
         )
+
+
+def _say_bounded(problem: Problem, theta: Floats) -> None:
+    """A value that is as large or as small as it may be is no measurement."""
+    for unknown, at, low, high in zip(problem.unknowns, theta, *problem.bounds, strict=True):
+        if min(at - low, high - at) < AT_BOUND * unknown.scale:
+            weighed = problem.rods[0].rope.linear_density_kg_m is not None
+            value = f"{unknown.outward(float(at)):.3g} {unit_of(unknown.name, weighed)}".rstrip()
+            LOG.warning(
+                "warning: %s = %s is the bound of what is looked for: no measurement", unknown.name, value
+            )
 
 
 def _keeping_rods(problem: Problem, theta: Floats, positions: Sequence[int]) -> Problem:

@@ -3,6 +3,7 @@
 Such a rope is nowhere near an equilibrium. Started from one it would swing otherwise for as long as the air
 lets it, and a rod that leaves out inertia would fit the better. Where it was seen and how fast is a smooth
 curve through its first points, no smoother than their noise allows, and through the ends as they were held.
+What its laws remember by then is what they remember of that way of the ends, gone slowly.
 """
 
 from __future__ import annotations
@@ -16,15 +17,15 @@ from scipy.interpolate import make_splprep
 
 from dlolib.errors import SimulationError
 from dlolib.formats import interpolate_motion
-from dlolib.sim.differentiate import Tangent, zero_tangent
+from dlolib.sim.differentiate import Case, Tangent, Variation, sensitivities, zero_tangent
 from dlolib.sim.effects.base import Setup
-from dlolib.sim.recording import RecordingModel
+from dlolib.sim.recording import RecordingModel, held_poses
 from dlolib.sim.rod import Rod, scene_of
 from dlolib.sim.sides import Sides
 from dlolib.sim.simulate import Clock, Path, Rollout, State, roll_out
 from dlolib.sim.start import frames_along
 from dlolib.sim.upright import upright
-from dlolib.types import Floats, Points, Pose, Recording
+from dlolib.types import Floats, Points, Recording
 
 STANDARD_GRAVITY_M_S2 = 9.81
 # An end that is faster than this share of √(gL) begins in motion: started at rest the rope would be off by
@@ -41,10 +42,7 @@ CUBIC = 3
 
 @dataclass(frozen=True)
 class BegunModel(RecordingModel):
-    """A recording whose rope does not start at rest, on the dynamic clock; without it there is no start.
-
-    What a law remembers begins with the shape that was seen first.
-    """
+    """A recording whose rope does not start at rest, on the dynamic clock; without it there is no start."""
 
     def _begin_s(self, step_s: float) -> float:
         return float(self._first_points.t_s.min())
@@ -56,13 +54,15 @@ class BegunModel(RecordingModel):
         """One step before the first frame, drawn to the rope's length; how fast it is `_state` says."""
         if not made.moving:
             return super()._at_rest(made)
-        rec, path = self.recording, self.path(made, self.times(made)[:1])
+        path = self.path(made, self.times(made)[:1])
         place, speed = self._seen
         x = place - (self.step_s or 0.0) * speed
-        kinds = (rec.ends.start, rec.ends.end)
-        poses = [Pose(x[[0, -1][k]], path.q[0, 0, k]) if kinds[k] == "clamped" else None for k in range(2)]
-        held = Path(x[None, None, [0, -1]], path.q[:, :1]).still(DRAWN)
+        poses = held_poses(x[[0, -1]], path.q[0, 0], self.recording.ends)
         seen = State(x[None], x[None].copy(), frames_along(x, *poses)[None])
+        if made.path_dependent:
+            there = self._remembered(made)
+            seen = replace(seen, past=there.past, slip=there.slip)
+        held = Path(x[None, None, [0, -1]], path.q[:, :1]).still(DRAWN)
         return roll_out(scene_of([made]), seen, held, Clock(DRAWN_S, momentum=0.0))
 
     def _state(self, made: Setup, rest: Rollout) -> State:
@@ -71,12 +71,47 @@ class BegunModel(RecordingModel):
         return replace(rest.final, before=rest.final.x - (self.step_s or 0.0) * self._seen[1][None])
 
     def _tangent(self, made: Setup, rest: Rollout, sides: Sequence[Sides], times: Floats) -> Tangent:
-        """No parameter moves what was seen."""
-        return (
-            zero_tangent(rest.scene, len(sides))
-            if made.moving
-            else super()._tangent(made, rest, sides, times)
-        )
+        """No parameter moves what was seen, but what is remembered."""
+        if not made.moving:
+            return super()._tangent(made, rest, sides, times)
+        none = zero_tangent(rest.scene, len(sides))
+        if not any(one.path_dependent for one in (made, *(side for both in sides for side in both[:2]))):
+            return none
+        there = self._remembered_by(made, sides)
+        begun = replace(none, past=there.past, slip=there.slip)
+        held = rest.path
+        ways = [
+            Variation(Case(scene_of([ahead]), held), Case(scene_of([behind]), held), width)
+            for ahead, behind, width in sides
+        ]
+        drawn = sensitivities(rest, ways, np.array([DRAWN]), begun)[1]
+        return replace(none, past=drawn.past, slip=drawn.slip)
+
+    def _remembered(self, made: Setup) -> State:
+        """The rope that went the ends' way to the first frame slowly."""
+        slow = replace(made, moving=False)
+        return self._way_there._following(slow, lambda model: model._moved(slow, model._at_rest(slow)).final)
+
+    def _remembered_by(self, made: Setup, sides: Sequence[Sides]) -> Tangent:
+        """Its derivatives."""
+        slow = replace(made, moving=False)
+        slowly = [(replace(a, moving=False), replace(b, moving=False), width) for a, b, width in sides]
+
+        def gone(model: RecordingModel) -> Tangent:
+            rest, times = model._at_rest(slow), model.times(slow)
+            begun = model._tangent(slow, rest, slowly, times).at_rest()
+            ways = [model._variation(*side, times) for side in slowly]
+            return sensitivities(model._moved(slow, rest), ways, np.array([len(times)]), begun)[1]
+
+        return self._way_there._following(slow, gone)
+
+    @cached_property
+    def _way_there(self) -> RecordingModel:
+        """The ends' way up to the first frame."""
+        points = self._first_points
+        first = points.t_s == points.t_s.min()
+        frame = Points(points.frame[first], points.t_s[first], points.s_m[first], points.xyz_m[first])
+        return RecordingModel(replace(self.recording, points=frame), self.particles, self.step_s)
 
     @cached_property
     def _seen(self) -> tuple[Floats, Floats]:

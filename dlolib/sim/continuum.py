@@ -14,6 +14,8 @@ import numpy as np
 
 from dlolib.errors import SimulationError
 from dlolib.sim.begun import motion_model
+from dlolib.sim.effects import parameter
+from dlolib.sim.effects.base import Setup
 from dlolib.sim.poses import Model
 from dlolib.sim.recording import RecordingModel
 from dlolib.sim.rod import Rod
@@ -112,6 +114,7 @@ def simulated(
         else:
             xyz = xyz + error
     _say_too_long(recording, rod)
+    _say_idle(model, rod)
     points = replace(recording.points, xyz_m=xyz, covariance_m2=None)
     told = f"{SIMULATED} {recording.name}"
     return replace(recording, points=points, source=told, position_noise_m=0.0, noise=None)
@@ -130,6 +133,23 @@ def _say_too_long(recording: Recording, rod: Rod) -> None:
         at = f"at {motion.t_s[worst]:.4g} s the ends are held {apart[worst]:.4g} m apart"
         mend = "check the length, or give axial_stretch or length_error"
         LOG.warning("warning: %s: %s, the rope is %.4g m long; %s", recording.name, at, length, mend)
+
+
+def _say_idle(model: RecordingModel, rod: Rod) -> None:
+    """Effects that can do nothing in this recording, or belong to an end that nobody holds."""
+    ends, name = model.recording.ends, model.recording.name
+    for effect in dict.fromkeys(part.partition(".")[0] for part in rod.effects):
+        own = {part for part in rod.effects if part.partition(".")[0] == effect}
+        without = replace(rod, effects={part: rod.effects[part] for part in rod.effects if part not in own})
+        held_at = {parameter(part).end for part in own if rod.effects[part] != parameter(part).neutral} - {""}
+        if "free" in {getattr(ends, end) for end in held_at}:
+            LOG.warning("warning: %s: %s is of an end that nobody holds", name, effect)
+        elif _alike(model.setup(rod), model.setup(without)):
+            LOG.warning("warning: %s: %s does nothing here", name, effect)
+
+
+def _alike(one: Setup, other: Setup) -> bool:
+    return one.moves_as(other) and one.camera == other.camera
 
 
 __all__ = ["MOST_CORRECTIONS", "mesh_error", "refined", "simulated", "stands"]

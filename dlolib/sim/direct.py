@@ -17,7 +17,7 @@ from dlolib.sim.assembly import (
     vectors3,
 )
 from dlolib.sim.equilibrium import CONVERGED, NOT_FINITE, TOO_FAR, UNCONVERGED, equilibrium
-from dlolib.sim.foretell import MOST_PIECES, farthest, lead, predict, way_of
+from dlolib.sim.foretell import MOST_PIECES, lead, pieces_of, predict
 from dlolib.sim.joints import begin
 from dlolib.sim.runtime import APART, ti
 
@@ -72,13 +72,23 @@ def roll_out(
             if fresh == 1:
                 for i in range(x.shape[2]):
                     begin(joints, past, b, b, t - 1, i, 0)
-            predict(b, t, x, q, first, end_x, end_q, grips, clamped)
+            if fresh == 1:
+                # a rope on its way to a first shape may come to lie on something
+                lead(b, t, 0.0, 1.0, x, q, end_x, end_q, grips, clamped)
+            else:
+                predict(b, t, x, q, first, end_x, end_q, grips, clamped)
             pieces, found, whole = 1, CONVERGED, steps[b, t, 0]
             if ti.static(not plain):
                 if obstacles.shape[1] > 0 and fresh == 0:
-                    far = way_of(b, t, x, q, end_x, end_q, segments, grips, clamped)
-                    most_m = farthest(b, t, far, x, steps, segments, contacts, obstacles)
-                    pieces = ti.max(int(ti.ceil(ti.min(far / most_m, MOST_PIECES + 1.0))), 1)
+                    pieces = pieces_of(
+                        b, t, x, q, end_x, end_q, steps, segments, contacts, obstacles, grips, clamped
+                    )  # fmt: skip
+                    if pieces > MOST_PIECES and moving == 0:
+                        # a rope that fell off something does not go on as it fell
+                        lead(b, t, 0.0, 1.0, x, q, end_x, end_q, grips, clamped)
+                        pieces = pieces_of(
+                            b, t, x, q, end_x, end_q, steps, segments, contacts, obstacles, grips, clamped
+                        )  # fmt: skip
             if alive and pieces > MOST_PIECES:
                 alive, found = False, TOO_FAR
             for piece in range(pieces if alive else 0):

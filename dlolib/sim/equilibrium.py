@@ -10,6 +10,7 @@ eight. What they do not find is sought downhill, by the energy.
 from dlolib.sim.assembly import assemble, clear_held, hold_ends, sample
 from dlolib.sim.band import factor, solve
 from dlolib.sim.contact import grip_of
+from dlolib.sim.foretell import passed
 from dlolib.sim.joints import laws_act
 from dlolib.sim.rotations import rotated
 from dlolib.sim.runtime import ti, vec3
@@ -29,8 +30,14 @@ QUADRATIC_1_M, QUADRATIC_MIXED_1_M, MOST_MIXED = 1e6, 1e4, 12
 LAGGED_ENOUGH = 1e-4
 # The farthest that a shape on a saddle, found with a shift, is moved onto it.
 LARGEST_POLISH = 1e-5
-# What is added to the Hessian where a step was none or made it worse, over the rope's own stiffness.
-LEAST_ADDED, MOST_ADDED = 1e-6, 1e12
+# A saddle is left where the energy falls this steeply, over what bends the whole rope (it buckles at a
+# hundred): by so much of its length, along what so many inverse iterations find, and so often.
+STEEP, ASIDE, FALLING, MOST_LEFT = 0.01, 1e-3, 8, 4
+# The way down from there may be long and bent: so many times the iterations.
+LONG_WAY = 10
+# What is added to the Hessian where a step was none or made it worse, over the rope's own stiffness; where it
+# buckles, over what bends the whole rope.
+LEAST_ADDED, LEAST_SHIFT, MOST_ADDED = 1e-6, 1e-3, 1e12
 
 
 @ti.func
@@ -48,6 +55,45 @@ def stiffen(upper: ti.template(), b: int, rows: int, by: float, scale_x: float, 
     if by > 0.0:
         for r in range(rows):
             upper[b, r][0] += by * scale_of(r, scale_x, scale_t)
+
+
+@ti.func
+def fall(
+    b: int, n: int, grips: ti.template(), clamped: ti.template(), upper: ti.template(), lower: ti.template(),
+    y: ti.template(), added: float, scale_x: float, scale_t: float,
+) -> float:  # fmt: skip
+    """Put into column 1 a small step along which the energy falls most, from where it is a saddle.
+
+    Inverse iteration, which begins with what a force does that goes along and beside the rope and grows from
+    end to end: no symmetry of the rope's own hides the way from it.
+
+    upper: factors of the Hessian, stiffer by `added`. Returns how steeply the energy falls: what would have
+    to be added for it not to.
+    """
+    length = ti.sqrt(scale_t / scale_x) * (n - 1)
+    rows = 6 * (n + 1)
+    for r in range(rows):
+        y[b, 1, r] = 0.0
+    for p in range(n):
+        r, grows = 6 * (p + 1), 1.0 + p / (n - 1.0)
+        y[b, 1, r], y[b, 1, r + 1], y[b, 1, r + 2] = 2.0 * grows, 3.0 * grows, 4.0 * grows
+    steep = 0.0
+    for k in range(FALLING):
+        clear_held(y, b, 1, n, b, grips, clamped)
+        solve(upper, lower, b, y, b, 1, rows, 1)
+        size, far = 0.0, 0.0
+        for r in range(rows):
+            size += y[b, 1, r] ** 2 * scale_of(r, scale_x, scale_t)
+            # a turn counts as far as it takes the rope's other end
+            reach = length if r % 6 > 2 else 1.0
+            far = ti.max(far, reach * ti.abs(y[b, 1, r]))
+        steep = added - 1.0 / ti.sqrt(size)
+        for r in range(rows):
+            if k + 1 < FALLING:
+                y[b, 1, r] *= scale_of(r, scale_x, scale_t) / ti.sqrt(size)
+            else:
+                y[b, 1, r] *= ASIDE * length / far
+    return steep
 
 
 @ti.func
@@ -164,6 +210,8 @@ def equilibrium(
     length = segments[b, 0, 0]
     scale_t = joints[b, n // 2, STIFFNESS] / length
     scale_x = scale_t / length**2
+    # what bends the whole rope, over that
+    whole = 1.0 / (n - 1.0) ** 4
     # what a full step leaves of itself where forces are smooth; else each step is as good as its word
     lawless = True
     for i in range(n):
@@ -173,8 +221,10 @@ def equilibrium(
     loose = 0.0
     if joints[b, 0, STIFFNESS + 2] == 0.0 and joints[b, n - 1, STIFFNESS + 2] == 0.0:
         loose = LEAST_ADDED
-    rough = 0
+    # no iteration of a rope that falls takes it through an obstacle
+    rough, most_m = 0, 1e300
     for k in range(obstacles.shape[1]):
+        most_m = ti.min(most_m, passed(b, k, contacts, obstacles))
         if obstacles[b, k, FRICTION] > 0.0 and fresh == 0:
             rough = 1
     done, found = False, UNCONVERGED
@@ -183,7 +233,7 @@ def equilibrium(
     step, last_step, fraction = 1e300, 1e300, 1.0
     # what is added to the Hessian: where it is not positive definite, and where steps made it worse
     shift, enough, damping = 0.0, 0.0, 0.0
-    shifted, exact, fresh_base = False, False, False
+    shifted, exact, fresh_base, left = False, False, False, 0
     # friction first by the limits of the step before, which makes it a potential; then in full
     lagged, rounds, again, noted, nearer = rough, 1, 1, False, False
     # first with the segments' forces as unknowns of their own, those of the step before to begin with
@@ -199,7 +249,7 @@ def equilibrium(
         begin_q[b, i] = q[b, t, i]
     if mixed == 1:
         note_forces(b, t - 1, x, q, segments, steps, y, 0.0, expected)
-    while not done and count < most:
+    while not done and count < (LONG_WAY if left > 0 else 1) * most:
         count += 1
         energy = assemble(
             b, t, b, x, q, first, past, slip, sliding, end_q, steps, joints, segments, particles,
@@ -259,7 +309,7 @@ def equilibrium(
             elif indefinite:
                 # a rope about to buckle: the same again, stiffer; at first a little less than was
                 # enough before
-                shift = ti.max(LEAST_ADDED, 10.0 * ti.max(added, enough / 1000.0))
+                shift = ti.max(LEAST_SHIFT * whole, 10.0 * ti.max(added, enough / 1000.0))
                 count -= 1
                 if shift > MOST_ADDED:
                     done, found = True, NOT_FINITE
@@ -268,16 +318,20 @@ def equilibrium(
                 for r in range(rows):
                     y[b, 1, r] = y[b, 0, r]
                 solve(upper, lower, b, y, b, 1, rows, symmetric)
-                last_step, step, promised = step, 0.0, 0.0
+                last_step, step, promised, far = step, 0.0, 0.0, 0.0
                 for r in range(rows):
                     went = y[b, 1, r]
                     step = ti.max(step, ti.abs(went))
+                    if r % 6 < 3:
+                        far = ti.max(far, ti.abs(went))
                     held = added * scale_of(r, scale_x, scale_t)
                     promised += 0.5 * went * (y[b, 0, r] + held * went)
                 astray = not (step <= last_step)
                 if mixed == 0 and not (step < 1e300):
                     done, found = True, NOT_FINITE
                 fraction = ti.min(1.0, LARGEST_TURN / (step + 1e-300))
+                if left > 0:
+                    fraction = ti.min(fraction, most_m / (far + 1e-300))
                 if exact and step > LARGEST_POLISH:
                     fraction = 0.0
                 for p in range(n):
@@ -313,8 +367,19 @@ def equilibrium(
                         or (step < ROUNDING and step > 0.5 * last_step)
                     )
                 if met and shifted:
-                    # a stiffer Hessian's step is not what is missing to a saddle
-                    exact, lagged, step = True, 0, 1e300
+                    steep = 0.0
+                    if symmetric == 1 and (moving == 0 or momentum == 0.0) and left < MOST_LEFT:
+                        steep = fall(
+                            b, n, grips, clamped, upper, lower, y, added, scale_x, scale_t
+                        )  # fmt: skip
+                    if steep > STEEP * whole:
+                        # on the way down each step then is about twice the one before
+                        left, shift = left + 1, 2.0 * steep
+                        stand(b, t, x, q, base_x, base_q, y, 1.0)
+                        lowest, least, step, fraction, fresh_base = 1e300, 1e300, 1e300, 1.0, False
+                    else:
+                        # a stiffer Hessian's step is not what is missing to a saddle
+                        exact, lagged, step = True, 0, 1e300
                 elif met:
                     done, found = True, CONVERGED
         if ti.static(not plain):

@@ -143,6 +143,12 @@ def way_of(
 
 
 @ti.func
+def passed(b: int, k: int, contacts: ti.template(), obstacles: ti.template()) -> float:
+    """How far a rope may go at once [m], not to come out behind obstacle k."""
+    return ti.max(PASSED * (obstacles[b, k, THIN] + contacts[b, 0, 1]), FINEST_M)
+
+
+@ti.func
 def farthest(
     b: int, t: int, far: float, x: ti.template(), steps: ti.template(), segments: ti.template(),
     contacts: ti.template(), obstacles: ti.template(),
@@ -152,7 +158,7 @@ def farthest(
     most = 1e300
     for k in range(obstacles.shape[1]):
         radius = contacts[b, 0, 1]
-        thin = ti.max(PASSED * (obstacles[b, k, THIN] + radius), FINEST_M)
+        thin = passed(b, k, contacts, obstacles)
         near = False
         for p in range(n - 1 if thin < most else 0):
             if not near:
@@ -162,3 +168,15 @@ def farthest(
         if near:
             most = thin
     return most
+
+
+@ti.func
+def pieces_of(
+    b: int, t: int, x: ti.template(), q: ti.template(), end_x: ti.template(), end_q: ti.template(),
+    steps: ti.template(), segments: ti.template(), contacts: ti.template(), obstacles: ti.template(),
+    grips: ti.template(), clamped: ti.template(),
+) -> int:  # fmt: skip
+    """In how many pieces the step to index t is to be made: more than `MOST_PIECES` are too many."""
+    far = way_of(b, t, x, q, end_x, end_q, segments, grips, clamped)
+    most_m = farthest(b, t, far, x, steps, segments, contacts, obstacles)
+    return ti.max(int(ti.ceil(ti.min(far / most_m, MOST_PIECES + 1.0))), 1)

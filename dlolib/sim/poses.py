@@ -22,14 +22,14 @@ from dlolib.sim.begun import STANDARD_GRAVITY_M_S2, motion_model
 from dlolib.sim.differentiate import Case, Variation, sensitivities
 from dlolib.sim.effects.base import Setup
 from dlolib.sim.observe import point_weights, viewing_axis
-from dlolib.sim.recording import RecordingModel, check_mesh, held_path
+from dlolib.sim.recording import RecordingModel, check_mesh, held_path, held_poses
 from dlolib.sim.rod import Rod, scene_of, setup
 from dlolib.sim.sides import Prediction, Sides, as_seen, sides_of, traced
 from dlolib.sim.simulate import Path, Rollout, State
-from dlolib.sim.start import curve_through, frames_along, settle
+from dlolib.sim.start import settle, shape_seen
 from dlolib.sim.steps import REMEMBERED, largest_step, quasi_static_times
 from dlolib.sim.upright import upright
-from dlolib.types import Floats, Ints, Motion, Pose, Recording
+from dlolib.types import Floats, Ints, Motion, Recording
 
 # Share of the time between two poses in which the ends go from one to the other.
 UNDERWAY = 0.1
@@ -43,10 +43,10 @@ class _Followed(RecordingModel):
         """As `RecordingModel.setup`."""
         return replace(super().setup(rod), moving=False)
 
-    def _quasi_static_times(self, remembers: bool) -> Floats:
+    def _quasi_static_times(self, remembers: bool, relaxes_s: float) -> Floats:
         # a pose is stopped at though nothing was seen there
         share = self.share * REMEMBERED if remembers else 1.0
-        return quasi_static_times(self.recording, share, rows_too=True)
+        return quasi_static_times(self.recording, share, rows_too=True, relaxes_s=relaxes_s)
 
 
 @dataclass(frozen=True)
@@ -142,23 +142,16 @@ class PosesModel:
 
     def _observed(self, frames: int) -> State:
         """For each frame a smooth curve through the held ends and the observed points, as a first shape."""
-        rec, motion = self.recording, self._motion
-        shapes, turns = [], []
-        nodes = np.linspace(0, rec.rope.length_m, self.particles)
+        points, motion, rope = self.recording.points, self._motion, self.recording.rope
+        shapes = []
         for k in range(frames):
-            mine = self._which == k
-            held = {0.0: motion.start_m[k], rec.rope.length_m: motion.end_m[k]}
-            seen = dict(zip(rec.points.s_m[mine].tolist(), rec.points.xyz_m[mine], strict=True))
-            known = {s: p for s, p in {**seen, **held}.items() if np.isfinite(p).all()} | {
-                s: p for s, p in seen.items() if s not in held or not np.isfinite(held[s]).all()
-            }
-            curve = curve_through(np.array([*known]), np.array([*known.values()]), nodes)
-            start = Pose(motion.start_m[k], motion.start_q[k]) if rec.ends.start == "clamped" else None
-            end = Pose(motion.end_m[k], motion.end_q[k]) if rec.ends.end == "clamped" else None
-            shapes.append(curve)
-            turns.append(frames_along(curve, start, end))
-        x = np.array(shapes)
-        return State(x, x.copy(), np.array(turns))
+            x = np.stack([motion.start_m[k], motion.end_m[k]])
+            q = np.stack([motion.start_q[k], motion.end_q[k]])
+            held, mine = held_poses(x, q, self.recording.ends), self._which == k
+            seen = points.s_m[mine], points.xyz_m[mine]
+            shapes.append(shape_seen(*seen, rope.length_m, self.particles, *held))
+        places = np.concatenate([one.x for one in shapes])
+        return State(places, places.copy(), np.concatenate([one.q for one in shapes]))
 
 
 Model = RecordingModel | PosesModel

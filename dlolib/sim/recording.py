@@ -21,9 +21,9 @@ from dlolib.sim.rod import Rod, scene_of, setup
 from dlolib.sim.scene import FRICTION
 from dlolib.sim.sides import Prediction, Sides, as_seen, sides_of, traced
 from dlolib.sim.simulate import Clock, Path, Rollout, State, roll_out, stretches
-from dlolib.sim.start import first_shape, released, settle
-from dlolib.sim.steps import REMEMBERED, check_speed, dynamic_times, quasi_static_times
-from dlolib.types import Floats, Motion, Points, Pose, Recording
+from dlolib.sim.start import first_shape, released, settle, shape_seen
+from dlolib.sim.steps import CLOSE, REMEMBERED, check_speed, dynamic_times, largest_step, quasi_static_times
+from dlolib.types import Ends, Floats, Motion, Points, Pose, Recording
 
 # Frames that tell where a rope was when it was seen first, and how fast.
 FIRST = 3
@@ -31,6 +31,8 @@ FIRST = 3
 SHORTER, SHORTEST = 0.25, 0.05
 # A moment at the first pose [s], longer than what a delay is differentiated with: it loses nothing either.
 EARLIER_S = 1e-3
+# A rope is seen where so many of its points, no fewer, are as far apart as along it, but for this share.
+FEWEST, ABOUT = 8, 0.2
 # A stretched rope begins a little longer than its ends are apart.
 STRAIGHT = 1.0001
 
@@ -111,7 +113,9 @@ class RecordingModel:
         """When the rope is solved for, and how the points lie among that."""
         if made.moving and self.step_s is None:
             raise ParameterError("a dynamic recording needs a time step", mend="give rod.time_step_s")
-        key = made.path_dependent, made.moving
+        # to powers of two, or each step of a fit would have its own
+        relaxes_s = float(2.0 ** np.floor(np.log2(made.relaxes_s)))
+        key = made.path_dependent, made.moving, relaxes_s
         usual = self._samplings.get(key, lambda: self._sampled(*key))
         return usual.earlier(self._ahead_s(made)) if made.delay_s < 0.0 else usual
 
@@ -126,9 +130,9 @@ class RecordingModel:
     def _samplings(self) -> Kept:
         return Kept()
 
-    def _sampled(self, remembers: bool, moving: bool) -> Sampling:
+    def _sampled(self, remembers: bool, moving: bool, relaxes_s: float) -> Sampling:
         points, length = self.recording.points, self.recording.rope.length_m
-        times = self._dynamic_times if moving else self._quasi_static_times(remembers)
+        times = self._dynamic_times if moving else self._quasi_static_times(remembers, relaxes_s)
         return sampling_of(points.t_s, times, point_weights(points, length, self.particles))
 
     def _at_rest(self, made: Setup) -> Rollout:
@@ -155,10 +159,10 @@ class RecordingModel:
         """Where the search for the equilibrium at the first pose begins: a rope as long as recorded, or as
         this one is where that is too short, stretched if it may be."""
         rec = self.recording
-        poses = [Pose(path.x[0, 0, k], path.q[0, 0, k]) for k in range(2)]
-        start = poses[0] if rec.ends.start == "clamped" else None
-        end = poses[1] if rec.ends.end == "clamped" else None
-
+        start, end = held_poses(path.x[0, 0], path.q[0, 0], rec.ends)
+        lies = self._lies(start, end)
+        if lies is not None:
+            return lies
         length_m, both = rec.rope.length_m, start is not None and end is not None
         apart_m = float(np.linalg.norm(path.x[0, 0, 1] - path.x[0, 0, 0])) if both else 0.0
         if apart_m > length_m:
@@ -170,6 +174,24 @@ class RecordingModel:
             return first_shape(length_m, self.particles, start, end, rec.gravity_m_s2)
 
         return self._kept.get(("shape", length_m, *path.x[0, 0].ravel(), *path.q[0, 0].ravel()), shape)
+
+    def _lies(self, start: Pose | None, end: Pose | None) -> State | None:
+        """Where the rope was seen at the first pose among obstacles: on which side of them nothing else says.
+
+        None where it was not seen as long as it is.
+        """
+        rec, points = self.recording, self._first_points
+        first = np.flatnonzero(points.t_s == points.t_s.min())
+        then = interpolate_motion(rec.motion, np.array([rec.motion.t_s[0], points.t_s.min()]))
+        if not rec.obstacles or len(first) < FEWEST or largest_step(then) > CLOSE:
+            return None
+        first = first[np.argsort(points.s_m[first])]
+        few = first[np.linspace(0, len(first) - 1, FEWEST).astype(int)]
+        apart_m = np.linalg.norm(np.diff(points.xyz_m[few], axis=0), axis=1).sum()
+        if abs(apart_m / np.ptp(points.s_m[few]) - 1) > ABOUT:
+            return None
+        seen = points.s_m[first], points.xyz_m[first]
+        return shape_seen(*seen, rec.rope.length_m, self.particles, start, end)
 
     @cached_property
     def _kept(self) -> Kept:
@@ -189,8 +211,9 @@ class RecordingModel:
         check_speed(self.recording, times_s, step_s)
         return times_s
 
-    def _quasi_static_times(self, remembers: bool) -> Floats:
-        return quasi_static_times(self.recording, self.share * REMEMBERED if remembers else 1.0)
+    def _quasi_static_times(self, remembers: bool, relaxes_s: float) -> Floats:
+        share = self.share * REMEMBERED if remembers else 1.0
+        return quasi_static_times(self.recording, share, relaxes_s=relaxes_s)
 
     def _begin_s(self, step_s: float) -> float:
         """When the first step of the dynamic clock ends [s]."""
@@ -220,7 +243,7 @@ class RecordingModel:
     def path(self, made: Setup, times: Floats) -> Path:
         """The held poses at these of the set-up's own times."""
         held = (made.delay_s, made.turns, made.rolls, made.slip, made.length_m)
-        way = (*held, made.moving, made.path_dependent, len(times))
+        way = (*held, made.moving, made.path_dependent, times.tobytes())
         return self._kept.get(way, lambda: self._path(made, times))
 
     def _path(self, made: Setup, times: Floats) -> Path:
@@ -310,6 +333,12 @@ def held_path(motion: Motion, made: Setup) -> Path:
             own = Rotation.from_quat(frames[:, end], scalar_first=True) * turn
             changed[:, end] = own.as_quat(scalar_first=True)
     return Path(positions[None], changed[None])
+
+
+def held_poses(x: Floats, q: Floats, ends: Ends) -> tuple[Pose | None, Pose | None]:
+    """Of the start and the end at x (2, 3) [m] with frames q (2, 4): None of a free one."""
+    start, end = (Pose(place, frame) for place, frame in zip(x, q, strict=True))
+    return start if ends.start == "clamped" else None, end if ends.end == "clamped" else None
 
 
 def first_points(recording: Recording) -> Points:

@@ -122,6 +122,18 @@ def curve_through(s_m: Floats, xyz_m: Floats, nodes_m: Floats) -> Floats:
     return np.asarray(CubicSpline(s_m[order], xyz_m[order], bc_type="natural")(nodes_m))
 
 
+def shape_seen(
+    s_m: Floats, xyz_m: Floats, length_m: float, particles: int, start: Pose | None, end: Pose | None
+) -> State:
+    """A rope at rest where its points (P, 3) [m] at arc lengths s_m were seen, its ends as they are held."""
+    seen = dict(zip(s_m.tolist(), xyz_m, strict=True))
+    held = {s: pose.position_m for s, pose in ((0.0, start), (length_m, end)) if pose is not None}
+    known = {**seen, **held}
+    nodes = np.linspace(0.0, length_m, particles)
+    x = curve_through(np.array([*known]), np.array([*known.values()]), nodes)
+    return State(x[None], x[None].copy(), frames_along(x, start, end)[None])
+
+
 def released(s_m: Floats, xyz_m: Floats, segments_m: Floats) -> State:
     """A rope that nobody holds, at rest where its points (P, 3) [m] at arc lengths s_m were seen.
 

@@ -16,6 +16,9 @@ REMEMBERED = 0.4
 # not each solved for: between them the rope goes in a straight line but for some 0.01 % of its length, 0.2 %
 # where it swings far for what its ends do.
 CLOSE, BRIEF = 0.25, 0.01
+# While its ends stand, a rope that relaxes in a time is solved for so many times that after they stopped, and
+# again when so many times as long has passed.
+RELAXED, LATER = 0.5, np.sqrt(2.0)
 # Dynamic steps between two rows of the motion: what is recorded so often moves that fast.
 STEPS_A_ROW = 4
 # A step of the dynamic clock follows an end by this share of the rope's length and by this turn.
@@ -71,15 +74,19 @@ def check_speed(recording: Recording, times_s: Floats, step_s: float) -> None:
         )
 
 
-def quasi_static_times(recording: Recording, share: float = 1.0, rows_too: bool = False) -> Floats:
+def quasi_static_times(
+    recording: Recording, share: float = 1.0, rows_too: bool = False, relaxes_s: float = np.inf
+) -> Floats:
     """At the frames and as many times between [s] as the ends' way asks for, in steps no longer than this
-    share of the largest; with `rows_too` at the motion's rows, too."""
+    share of the largest; with `rows_too` at the motion's rows, too. Where the ends stop, as often as a rope
+    asks for that relaxes in so long."""
     rows, frames = recording.motion.t_s, np.unique(recording.points.t_s)
     frames = np.unique(np.concatenate([rows[:1], frames]))
     fine = np.unique(np.concatenate([frames, rows[rows <= frames[-1]]]))
     gone = np.concatenate([[0.0], np.cumsum(_ways(interpolate_motion(recording.motion, fine)))])
     marks = fine if rows_too else _marks(frames, np.interp(frames, fine, gone))
-    return _evenly(marks, fine, gone, share)
+    times = _evenly(marks, fine, gone, share)
+    return _settling(times, np.interp(times, fine, gone), relaxes_s)
 
 
 def _marks(frames: Floats, gone: Floats) -> Floats:
@@ -109,6 +116,22 @@ def _evenly(marks: Floats, fine: Floats, gone: Floats, share: float) -> Floats:
         inner = np.interp(begin + (end - begin) * np.arange(1, parts) / parts, gone, fine)
         times.append(np.append(np.clip(inner, first, last), last))
     return np.unique(np.concatenate(times))
+
+
+def _settling(times: Floats, gone: Floats, relaxes_s: float) -> Floats:
+    """With further times in long steps while the ends hardly move."""
+    brief_s, took_s = RELAXED * relaxes_s, np.diff(times)
+    # before the first step nothing stood still, either
+    still = np.append(np.diff(gone) < CLOSE, False)
+    stopped_s, more = times[0], [times]
+    for k in range(len(took_s)):
+        if not (still[k] and still[k - 1]):
+            stopped_s = times[k]
+        if still[k] and took_s[k] > brief_s:
+            count = np.ceil(np.log((times[k + 1] - stopped_s) / brief_s) / np.log(LATER))
+            after = stopped_s + brief_s * LATER ** np.arange(count)
+            more.append(after[(after > times[k]) & (after < times[k + 1])])
+    return np.unique(np.concatenate(more))
 
 
 def _ways(poses: Motion) -> Floats:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.spatial.transform import Rotation
 from sim.ropes import EI, ROPE
 from sim.test_recording import recording
 
@@ -131,3 +132,16 @@ def test_how_one_end_is_rolled_is_fitted_where_nobody_recorded_it() -> None:
     assert found["end_twist.end"].value == pytest.approx(2.2, abs=0.02)
     assert found["bending_stiffness"].value == pytest.approx(EI, rel=0.01)
     assert found["torsional_stiffness"].value == pytest.approx(0.7 * EI, rel=0.02)
+
+
+def test_a_value_at_its_bound_is_said(caplog: pytest.LogCaptureFixture) -> None:
+    """A clamp that points elsewhere by more than is looked for, 1 rad."""
+    made = recording()
+    own = Rotation.from_quat(made.motion.start_q, scalar_first=True)
+    turned = (own * Rotation.from_rotvec([1.3, 0.0, 0.0])).as_quat(scalar_first=True)
+    wrong = replace(made, motion=replace(made.motion, start_q=turned))
+    settings = replace(SETTINGS, particles=20, parameters=("end_angle.start_1", "end_angle.start_2"))
+    found = identify([wrong], settings).fit.nuisances[made.name]["end_angle.start_1"]
+    assert found.value == pytest.approx(-1.0, abs=1e-6)
+    assert "end_angle.start_1 = -1 rad is the bound of what is looked for: no measurement" in caplog.text
+    assert "start_2" not in caplog.text

@@ -115,7 +115,7 @@ def test_a_block_is_read_without_the_others(tmp_path: Path) -> None:
         (params.Identify, IdentifySettings, {"particles", "longest_segment_m", "time_step_s", "sweeps"}),
         (params.PaperDescent, DescentSettings, set()),
         (params.Learn, LearnSettings, {"particles", "loss"}),
-        (params.Diagnose, DiagnoseSettings, {"particles", "longest_segment_m", "time_step_s", "full"}),
+        (params.Diagnose, DiagnoseSettings, {"particles", "longest_segment_m", "time_step_s"}),
         (params.LabRope, LabRope, set()),
         (params.LabSensor, Sensor, set()),
     ],

@@ -4,14 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pipeline.test_deform import ROPE, TRUE, shaken
+from pipeline.test_deform import HALF, ROPE, TRUE, shaken
+from sim import ropes
 
 from dlolib.errors import SimulationError
 from dlolib.sim.begun import BegunModel, in_motion, motion_model
 from dlolib.sim.continuum import simulated
 from dlolib.sim.recording import RecordingModel
 from dlolib.sim.rod import Rod
-from dlolib.types import Ends, Floats, Points, Recording
+from dlolib.types import Ends, Floats, Motion, Points, Recording
 
 STEP_S, NOISE_M = 0.0025, 5e-4
 AT_REST, SWINGING = 0, 12
@@ -87,3 +88,62 @@ def test_too_few_points_are_no_shape_to_begin_with() -> None:
     one = Points(points.frame[at], points.t_s[at], points.s_m[at], points.xyz_m[at])
     with pytest.raises(SimulationError, match="when 1 points of the rope are seen"):
         motion_model(replace(swinging, points=one), 30, STEP_S).predict(rod())
+
+
+BENT = {"plastic_bending.yield_curvature": 6.0, "plastic_bending.hardening_ratio": 0.2}
+AIR = {"inertia_drag.inertia": 1.0, "inertia_drag.drag": 0.2}
+
+
+def bent_before(still_s: float = 0.0) -> Recording:
+    """A plastic rope bent and straightened before it is seen; its log begins in motion, or still."""
+    t_s = np.arange(0.0, 12.01, 0.05)
+    end = np.zeros((len(t_s), 3))
+    end[:, 0] = 0.40 - 0.30 * np.interp(t_s, [0, 2, 4], [0, 1, 0])
+    start, q = np.zeros_like(end), np.tile([HALF, 0.0, HALF, 0.0], (len(t_s), 1))
+    if still_s:
+        t_s, end = np.append(-still_s, t_s), np.append(end[:1], end, axis=0)
+        start, q = np.append(start[:1], start, axis=0), np.append(q[:1], q, axis=0)
+    s_m = np.linspace(0, ropes.ROPE.length_m, 23)
+    frame = np.repeat(np.arange(3), len(s_m))
+    points = Points(frame, 8.0 + 2.0 * frame, np.tile(s_m, 3), np.zeros((len(frame), 3)))
+    motion = Motion(t_s, start, q, end, q)
+    blank = Recording("bent", ropes.ROPE, ropes.GRAVITY, Ends(), motion, points)
+    return simulated(blank, Rod(ropes.ROPE, ropes.EI, ropes.GJ, BENT))
+
+
+def test_what_a_rope_went_through_before_it_was_seen_is_remembered() -> None:
+    """It hangs for seconds when it is seen first, whatever the first rows of the log."""
+    begun, rod = bent_before(), Rod(ropes.ROPE, ropes.EI, ropes.GJ)
+    assert in_motion(begun) and not in_motion(bent_before(0.2))
+    plastic, elastic = (
+        simulated(begun, replace(rod, effects=effects)).points.xyz_m for effects in ({**BENT, **AIR}, AIR)
+    )
+    assert mean_off(plastic, begun) < 0.3 * mean_off(elastic, begun)
+
+
+def test_how_a_rope_was_bent_once_acts_on_one_that_begins_in_motion() -> None:
+    swinging = seen(SWINGING)
+    bent = rod().with_values({"plastic_bending.yield_curvature": 2.0, "plastic_bending.hardening_ratio": 0.2})
+    prior = bent.with_values({"prior_history.kappa_1": 8.0})
+    one, other = (motion_model(swinging, 30, STEP_S).predict(each).xyz_m for each in (bent, prior))
+    assert np.linalg.norm(one - other, axis=1).max() > 1e-3
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [
+        {"plastic_bending.yield_curvature": 2.0, "prior_history.kappa_1": 8.0},
+        {"viscoelastic_bending.modulus_ratio": 0.5, "viscoelastic_bending.relaxation_time": 0.3},
+        {"internal_friction.saturation_curvature": 1.0},
+    ],
+    ids=str,
+)
+def test_what_is_remembered_has_derivatives(effects: dict[str, float]) -> None:
+    model, bent = motion_model(bent_before(), 20, STEP_S), Rod(ropes.ROPE, ropes.EI, ropes.GJ, AIR, 20)
+    bent = bent.with_values(effects)
+    found = model.predict(bent, list(effects)).by_parameter
+    for k, (name, value) in enumerate(effects.items()):
+        width = 1e-4 * value
+        ahead, behind = (model.predict(bent.with_values({name: value + w})).xyz_m for w in (width, -width))
+        by_differences = (ahead - behind) / (2 * width)
+        assert np.abs(found[..., k] - by_differences).max() < 0.02 * np.abs(by_differences).max()

@@ -1,14 +1,18 @@
 """Friction: every step ends in an equilibrium of the equations themselves, whatever the way to it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from sim.ropes import EI, GJ, GRAVITY, ROPE, settled, swing, way_of
+from scipy.spatial.transform import Rotation
+from sim.ropes import EI, GJ, GRAVITY, LEVEL, ROPE, settled, swing, way_of
+from sim.test_recording import recording
 
 from dlolib.sim import simulate
 from dlolib.sim.recording import RecordingModel
 from dlolib.sim.rod import Rod, scene
 from dlolib.sim.simulate import Clock, Path, roll_out
-from dlolib.types import Ends, Obstacle
+from dlolib.types import Ends, Motion, Obstacle, Points
 from stages import gradients, peers, speed
 
 
@@ -45,3 +49,28 @@ def test_a_shape_is_solved_for_as_sharply_as_asked(monkeypatch: pytest.MonkeyPat
     one, other = (model.roll_out(each) for each in (rod, near))
     assert one.slip.any()
     assert np.abs(one.x - other.x).max() < 10 * gradients.SHARP_M
+
+
+def test_a_rope_that_remembers_goes_on_after_it_fell_off_something() -> None:
+    """Its next step does not go as far as it fell."""
+    turned = Rotation.from_rotvec([0.1, 0.2, 0.3]).as_quat(scalar_first=True)
+    values = {"center_m": (0.16, 0.01, -0.13), "quaternion": tuple(turned), "size_m": (0.1, 0.12, 0.06)}
+    t_s, made = np.linspace(0.0, 4.0, 41), recording()
+    u = np.sin(np.pi * t_s / 4.0)[:, None]
+    turns = Rotation.from_rotvec(u * [0.3, 0.5, 0.4]) * Rotation.from_quat(LEVEL, scalar_first=True)
+    start, nowhere = u * [-0.1, 0.05, 0.04], np.full((41, 3), np.nan)
+    motion = Motion(t_s, start, turns.as_quat(scalar_first=True), nowhere, np.full((41, 4), np.nan))
+    frame = np.arange(5)
+    points = Points(frame, 1.0 * frame, np.full(5, ROPE.length_m), np.zeros((5, 3)))
+    over = replace(made, motion=motion, points=points, ends=Ends("clamped", "free"))
+    over = replace(over, obstacles=(Obstacle("box", values),))
+    loads = {"lateral_load.x": 0.01, "lateral_load.y": 0.05, "lateral_load.z": 0.02}
+    friction = {
+        "internal_friction.saturation_curvature": 1.36,
+        "internal_friction.transition_curvature": 2.16,
+    }
+    tips = [
+        RecordingModel(over, 30, None).predict(Rod(ROPE, EI, GJ, effects)).xyz_m[-1]
+        for effects in (loads, loads | friction)
+    ]
+    assert np.linalg.norm(tips[1] - tips[0]) < 0.01

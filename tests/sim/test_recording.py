@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sim.ropes import EI, GJ, GRAVITY, LEVEL, ROPE, swing
+from sim.ropes import EI, GJ, GRAVITY, LEVEL, ROPE, pose, swing, way_of
 
 from dlolib.errors import ParameterError, SimulationError
 from dlolib.identify import IdentifySettings, identify
@@ -13,8 +13,9 @@ from dlolib.sim.effects import named
 from dlolib.sim.effects.base import Setup
 from dlolib.sim.poses import PosesModel, model_of
 from dlolib.sim.recording import RecordingModel
-from dlolib.sim.rod import Rod, unit_of
+from dlolib.sim.rod import Rod, scene, unit_of
 from dlolib.sim.simulate import Rollout
+from dlolib.sim.start import first_shape, settle
 from dlolib.types import PER_DENSITY, Ends, Floats, Motion, Obstacle, Points, Recording
 
 FRAMES, SEEN = 6, 12
@@ -133,7 +134,7 @@ def poses(degrees: Floats, ends: Ends, every_s: float = 30.0) -> Recording:
     turned = np.stack([np.cos(half), 0 * half, np.sin(half), 0 * half], axis=1)
     still = np.tile([0.2, 0.0, 0.3], (count, 1))
     motion = Motion(t_s, np.zeros((count, 3)), turned, still, np.tile([1.0, 0, 0, 0], (count, 1)))
-    tips = Points(np.arange(count), t_s, np.full(count, 0.445), np.zeros((count, 3)))
+    tips = Points(np.arange(count), t_s, np.full(count, 0.445), still)
     return Recording("made", ROPE, GRAVITY, ends, motion, tips, quasi_static=True)
 
 
@@ -330,3 +331,24 @@ def test_derivatives_by_a_log_that_is_ahead() -> None:
     ahead, behind = (model.predict(rod.with_values({name: -0.313 + by})).xyz_m for by in (1e-4, -1e-4))
     by = (ahead - behind) / 2e-4
     assert np.abs(found - by).max() < 1e-3 * np.abs(by).max()
+
+
+def test_a_rope_begins_on_the_side_of_an_obstacle_where_it_was_seen() -> None:
+    """It hangs over a bar, and would hang under it as well."""
+    values = {"center_m": (0.16, 0.0, 0.01), "axis": (0.0, 1.0, 0.0), "radius_m": (0.01,), "height_m": (0.6,)}
+    bar, rod, made = (Obstacle("cylinder", values),), Rod(ROPE, EI, GJ), recording()
+    start, end = pose(0, 0, 0), pose(0.33, 0.0, 0.0)
+    over = first_shape(ROPE.length_m, 30, start, end, -GRAVITY)
+    held = way_of(end.position_m[None])
+    shape = settle(scene([rod], GRAVITY, Ends(), bar), over, held).x[0, -1]
+    assert shape[:, 2].max() > 0.02
+    s_m = np.linspace(0.0, ROPE.length_m, 30)[1:-1]
+    noise = np.random.default_rng(2).normal(0.0, 5e-4, (28, 3))
+    points = Points(np.zeros(28, int), np.zeros(28), s_m, shape[1:-1] + noise)
+    motion = Motion(np.array([0.0, 1.0]), *(np.repeat(part, 2, axis=0) for part in (
+        np.zeros((1, 3)), LEVEL[None], end.position_m[None], LEVEL[None])))  # fmt: skip
+    lies = replace(made, motion=motion, points=points, obstacles=bar)
+    found = RecordingModel(lies, 30, None).predict(rod).xyz_m
+    assert np.abs(found - shape[1:-1]).max() < 1e-5
+    unseen = replace(points, xyz_m=np.zeros((28, 3)))
+    assert RecordingModel(replace(lies, points=unseen), 30, None).predict(rod).xyz_m[:, 2].max() < 0.005

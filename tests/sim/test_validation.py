@@ -23,6 +23,15 @@ def test_a_twisted_ring_leaves_its_plane_where_michell_says() -> None:
     assert ring.found == pytest.approx(ring.theory, rel=0.01)
 
 
+@pytest.mark.parametrize("particles", [30, 60])
+def test_a_standing_rope_falls_where_greenhill_says(particles: int) -> None:
+    rope = cases.standing(particles)
+    stands = rope.weight <= rope.theory
+    assert rope.aside[stands].max() < 1e-6
+    assert rope.aside[~stands] == pytest.approx(rope.exact[~stands], rel=0.035 * 30 / particles)
+    assert rope.found == pytest.approx(rope.theory, rel=1e-3)
+
+
 @pytest.mark.parametrize("coefficient", [0.1, 0.3, 0.6])
 def test_tensions_round_a_rough_cylinder_are_eytelweins(coefficient: float) -> None:
     rope = cases.capstan(coefficient)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -145,6 +146,8 @@ def applied(setup: Setup, values: Mapping[str, float]) -> Setup:
             setup = setup.with_joints(slice(column, column + 2), holds * np.asarray(pair))
             if any(pair) and not law.SYMMETRIC:
                 setup = setup.unsymmetric()
+            if any(pair) and hasattr(law, "RELAXES"):
+                setup = replace(setup, relaxes_s=min(setup.relaxes_s, pair[law.RELAXES]))
     return setup
 
 

@@ -68,7 +68,8 @@ class Effect(Protocol):
     it was held and seen, and goes with no rope to another place; and `guess(hint, radius_m)`, values from
     which a fit may begin where the rope is off as the `Hint` says. A law may have `REMEMBERS`: what happened
     before the recording shows in it (`prior_history`); `IDEAL`: it has a form that no real rope has to the
-    last digit; `ABRUPT`: it sets in past a threshold, and no linear step foretells what it would gain.
+    last digit; `ABRUPT`: it sets in past a threshold, and no linear step foretells what it would gain;
+    `RELAXES`: which of its two coefficients is the time in which its moment fades at rest.
     """
 
     @property
@@ -167,6 +168,7 @@ class Setup:
         weight: mass that gravity acts on, by particle (n,) [kg].
         symmetric: as in `Scene`.
         moving: whether inertia or drag act, so that time passes between the steps.
+        relaxes_s: the time in which a law's moment fades at rest [s].
         turns: how the start's and the end's frames are turned away from the recorded ones, about their own
             first two axes [rad]; `rolls`: then about the third.
         delay_s: the camera sees at t what the robot logged at t - delay.
@@ -187,6 +189,7 @@ class Setup:
     weight: Floats
     symmetric: bool = True
     moving: bool = False
+    relaxes_s: float = np.inf
     turns: tuple[tuple[float, float], tuple[float, float]] = ((0.0, 0.0), (0.0, 0.0))
     rolls: tuple[float, float] = (0.0, 0.0)
     delay_s: float = 0.0

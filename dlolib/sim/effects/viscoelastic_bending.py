@@ -28,6 +28,7 @@ PARAMETERS = (
 IDEAL = True
 SIZES = ("modulus_ratio",)
 SYMMETRIC = True
+RELAXES = 1
 
 
 def coefficients(values):
