@@ -83,6 +83,7 @@ class LabSensor(Block):
     noise_m: Annotated[float, Field(ge=0, le=0.1)]
     edge_loss: Share
     bias_m: Annotated[float, Field(ge=0, le=0.1)]
+    grain_px: Annotated[float, Field(ge=0, le=20)]
     seed: Seed
 
 

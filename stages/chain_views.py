@@ -66,6 +66,7 @@ class Case:
 CASES = (
     Case("clear"),
     Case("clear_bias", sensor=Sensor(bias_m=0.002)),
+    Case("stereo", sensor=Sensor(grain_px=2.0)),
     Case("thin_4mm", diameter_m=0.004),
     Case("thick_16mm", diameter_m=0.016),
     Case("table", look=Look(plate=TABLE)),

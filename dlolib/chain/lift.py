@@ -13,7 +13,7 @@ from dlolib.chain.mixing import unmixed
 from dlolib.chain.settings import ChainSettings
 from dlolib.chain.shading import LARGEST_ERROR_PX, shaded_middles, stretched
 from dlolib.chain.sight import between, both_sides, bridged, contested, whole
-from dlolib.chain.smooth import noise_gain, smoothed
+from dlolib.chain.smooth import noise_gain, noise_together, smoothed
 from dlolib.chain.view import View
 from dlolib.types import Floats
 
@@ -241,6 +241,8 @@ def _read_depth(
     count[unclear] = 0
     read = np.bincount(sample[near & inner], minlength=len(grid)) * ~unclear
     left = sigma * noise_gain(read.astype(np.float64), settings.smooth_m / pitch)
+    counted = near & inner
+    left *= noise_together(sample[counted], axis[counted] - curve[sample[counted]], settings.smooth_m / pitch)
     seen = bridged(count > 0, beside, reach)
     # what hides a side leaves no reading: across a wave the depth to both sides tells it
     seen |= between(seen, max(round(settings.smooth_m / pitch), 1)) & cut & ~beside

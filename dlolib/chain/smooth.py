@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.linalg import solveh_banded
 from scipy.sparse import csc_array, csr_array
@@ -19,6 +20,9 @@ SPLINES = 5
 TRACE = 1e-9
 # Beyond its outermost readings a curve goes straight on for this share of half a wave, then stays.
 STRAIGHT_ON = 0.15
+# What a curve smoothed through white noise leaves of it in the means of such blocks. So many times that is no
+# chance, where there are so many blocks.
+WHITE_BLOCKS, SURELY, FEWEST_BLOCKS = 0.5, 2.0, 6
 
 
 def smoothed(readings: Floats, weights: Floats, half_wave: float, onward: bool = False) -> Floats:
@@ -64,6 +68,28 @@ def noise_gain(weights: Floats, half_wave: float) -> Floats:
     response = basis @ solveh_banded(banded, turned.toarray(), check_finite=False)
     gain: Floats = np.sqrt((response**2) @ (weights / mean) / mean)
     return gain
+
+
+def noise_together(sample: NDArray[np.intp], rest: Floats, half_wave: float) -> float:
+    """How much more of the readings' scatter smoothing leaves than if each were off by itself.
+
+    A stereo camera matches patches: readings beside each other are off together, and so is their mean. Blocks
+    of half a half wave tell: how far off their means are, over what single readings would make of it. 1 where
+    white noise may leave as much.
+
+    Args:
+        sample: of each reading, (M,).
+        rest: how far it is off a curve smoothed through all, (M,) [m].
+        half_wave: as for `smoothed`, in samples.
+    """
+    block = sample // max(round(0.5 * half_wave), 1)
+    count, sums = np.bincount(block), np.bincount(block, rest - rest.mean())
+    filled = count > 0
+    variance = float(rest.var())
+    if filled.sum() < FEWEST_BLOCKS or variance == 0.0:
+        return 1.0
+    found = float(np.mean(sums[filled] ** 2 / count[filled])) / variance / WHITE_BLOCKS
+    return float(np.sqrt(found)) if found > SURELY else 1.0
 
 
 def _system(weights: Floats, half_wave: float) -> tuple[csr_array, csc_array, Floats]:

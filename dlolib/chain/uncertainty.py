@@ -1,5 +1,8 @@
 """How far each point of a chain may be off, and how these errors go together: what depth noise leaves.
 
+How much of the readings' scatter smoothing leaves depends on whether readings beside each other are off
+together, as a stereo camera's are; each line tells that itself (`smooth.noise_together`).
+
 The figures stand for what a camera of this kind does to a rope: they were set on renderings of the virtual
 laboratory (`make chain-bench` holds them against its truth). A smooth bias of the camera, the same in every
 frame, is none of it: that is the measurement effect `camera_pose`, or a warped room.

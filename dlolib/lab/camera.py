@@ -37,12 +37,15 @@ class Sensor:
         noise_m: deviation of a depth at 0.7 m, growing with the square of the distance [m].
         edge_loss: share of readings lost where near and far mix.
         bias_m: amplitude of a smooth error that does not change from frame to frame [m].
+        grain_px: over how many pixels noise goes together, as exp(-d² / 4 grain²): that of a stereo camera,
+            which matches patches.
         seed: of all of it.
     """
 
     noise_m: float = 0.0008
     edge_loss: float = 0.3
     bias_m: float = 0.0
+    grain_px: float = 0.0
     seed: int = 1
 
 
@@ -143,7 +146,11 @@ def _over(gather: Callable[[Floats, Floats], Floats], rays: Floats) -> Floats:
 
 
 def _noise(depth: Floats, sensor: Sensor, rng: np.random.Generator) -> Floats:
-    return np.asarray(rng.normal(size=depth.shape) * sensor.noise_m * (depth / NOISE_DISTANCE_M) ** 2)
+    noise = rng.normal(size=depth.shape)
+    if sensor.grain_px:
+        noise = gaussian_filter(noise, sensor.grain_px)
+        noise /= noise.std()
+    return np.asarray(noise * sensor.noise_m * (depth / NOISE_DISTANCE_M) ** 2)
 
 
 def _bias(camera: Camera, sensor: Sensor) -> Floats | float:

@@ -72,11 +72,11 @@ def roll_out(
             if fresh == 1:
                 for i in range(x.shape[2]):
                     begin(joints, past, b, b, t - 1, i, 0)
-            if fresh == 1:
-                # a rope on its way to a first shape may come to lie on something
-                lead(b, t, 0.0, 1.0, x, q, end_x, end_q, grips, clamped)
-            else:
-                predict(b, t, x, q, first, end_x, end_q, grips, clamped)
+            predict(b, t, x, q, first, end_x, end_q, grips, clamped)
+            if ti.static(not plain):
+                if obstacles.shape[1] > 0 and fresh == 1:
+                    # a rope on its way to a first shape may come to lie on something
+                    lead(b, t, 0.0, 1.0, x, q, end_x, end_q, grips, clamped)
             pieces, found, whole = 1, CONVERGED, steps[b, t, 0]
             if ti.static(not plain):
                 if obstacles.shape[1] > 0 and fresh == 0:

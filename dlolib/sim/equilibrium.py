@@ -34,7 +34,7 @@ LARGEST_POLISH = 1e-5
 # The way down from a saddle may be long and bent: so many times the iterations.
 LONG_WAY = 10
 # What is added to the Hessian where a step was none or made it worse, over the rope's own stiffness; where it
-# buckles, over what bends the whole rope.
+# lies on a saddle, over what bends the whole rope.
 LEAST_ADDED, LEAST_SHIFT, MOST_ADDED = 1e-6, 1e-3, 1e12
 
 
@@ -182,7 +182,7 @@ def equilibrium(
     lowest, least, promised = 1e300, 1e300, 0.0
     step, last_step, fraction = 1e300, 1e300, 1.0
     # what is added to the Hessian: where it is not positive definite, and where steps made it worse
-    shift, enough, damping = 0.0, 0.0, 0.0
+    shift, enough, damping, least_shift = 0.0, 0.0, 0.0, LEAST_ADDED
     shifted, exact, fresh_base, left = False, False, False, 0
     # friction first by the limits of the step before, which makes it a potential; then in full
     lagged, rounds, again, noted, nearer = rough, 1, 1, False, False
@@ -259,7 +259,7 @@ def equilibrium(
             elif indefinite:
                 # a rope about to buckle: the same again, stiffer; at first a little less than was
                 # enough before
-                shift = ti.max(LEAST_SHIFT * whole, 10.0 * ti.max(added, enough / 1000.0))
+                shift = ti.max(least_shift, 10.0 * ti.max(added, enough / 1000.0))
                 count -= 1
                 if shift > MOST_ADDED:
                     done, found = True, NOT_FINITE
@@ -316,9 +316,13 @@ def equilibrium(
                         or step < tolerance
                         or (step < ROUNDING and step > 0.5 * last_step)
                     )
-                if met and shifted:
+                may_fall = symmetric == 1 and (moving == 0 or momentum == 0.0) and left < MOST_LEFT
+                if met and shifted and may_fall and least_shift > LEAST_SHIFT * whole:
+                    # once more, by as little as tells how steeply the energy falls
+                    least_shift, enough, step = LEAST_SHIFT * whole, 0.0, 1e300
+                elif met and shifted:
                     steep = 0.0
-                    if symmetric == 1 and (moving == 0 or momentum == 0.0) and left < MOST_LEFT:
+                    if may_fall:
                         steep = fall(
                             b, n, grips, clamped, upper, lower, y, added, scale_x, scale_t
                         )  # fmt: skip

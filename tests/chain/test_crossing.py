@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from chain.test_clouds import cloud_of
-from chain.tubes import FORWARD, Scene, along, index_of, photograph, wave
+from chain.tubes import FORWARD, NOWHERE, Scene, along, index_of, photograph, wave
 
 from dlolib.captures.base import Frame
 from dlolib.chain import ChainSettings, Tracker, chain_frame, frame
 from dlolib.types import Floats, Pose
-
-NOWHERE = Path("tube")
 
 
 def loop(side: float = 1.0, depth: float = 0.25, length_m: float = 0.445, count: int = 600) -> Floats:
@@ -164,11 +161,12 @@ def test_a_tracked_rope_that_is_let_go_keeps_its_start() -> None:
     assert np.linalg.norm(chain.xyz_m[0] - axis[0]) < 5e-3
 
 
-@pytest.mark.parametrize("diameter", [0.004, 0.008])
-def test_ellipsoids_hold_the_truth(diameter: float) -> None:
+@pytest.mark.parametrize(("diameter", "grain_px"), [(0.004, 0.0), (0.008, 0.0), (0.008, 1.0), (0.008, 2.0)])
+def test_ellipsoids_hold_the_truth(diameter: float, grain_px: float) -> None:
+    """Of a stereo camera, too, whose noise goes together over some pixels."""
     squares = []
     for number, axis in enumerate([loop(1.0), loop(-1.0), loop(1.0, -0.3)]):
-        scene = Scene(diameter_m=diameter)
+        scene = Scene(diameter_m=diameter, grain_px=grain_px)
         chain = chain_frame(seen(axis, scene, number), index_of(NOWHERE, [axis], scene), ChainSettings())
         assert chain.covariance_m2 is not None and chain.covariance_m2.shape == (len(chain.s_m), 3, 3)
         np.testing.assert_allclose(chain.covariance_m2, np.swapaxes(chain.covariance_m2, 1, 2))

@@ -15,7 +15,6 @@ from dlolib.chain.lift import Strand, half_widths
 from dlolib.chain.mixing import unmixed
 from dlolib.chain.order import in_order, length
 from dlolib.chain.skeleton import MOST_LINES, centre_lines
-from dlolib.chain.smooth import smoothed
 from dlolib.chain.uncertainty import covariances
 from dlolib.chain.view import View
 from dlolib.types import Floats, Rope
@@ -134,30 +133,6 @@ def test_no_point_where_nothing_was_seen() -> None:
     assert len(s) > 20 and not ((s > 0.1) & (s < 0.2)).any()
 
 
-def test_the_smoother_keeps_curvature_to_its_ends_and_takes_noise_away() -> None:
-    at = np.linspace(-1, 1, 301)
-    parabola = 30 * at**2
-    np.testing.assert_allclose(smoothed(parabola, np.ones(301), 20), parabola, atol=1e-5)
-    noisy = parabola + np.random.default_rng(1).normal(size=301)
-    assert np.std(smoothed(noisy, np.ones(301), 20) - parabola) < 0.35
-
-
-@pytest.mark.parametrize("half_wave", [20, 200])
-def test_the_smoother_keeps_a_curvature_that_changes_evenly(half_wave: float) -> None:
-    """As beside a clamp; and no rounding is taken for a bend where waves are long (a near camera)."""
-    at = np.linspace(-1, 1, 901)
-    clamped = 300 + 200 * at + 150 * at**2 - 80 * at**3
-    np.testing.assert_allclose(smoothed(clamped, np.ones(901), half_wave), clamped, atol=1e-4)
-
-
-def test_the_smoother_halves_waves_of_twice_the_half_wave() -> None:
-    at = np.arange(901.0)
-    for half_wave in (7.0, 20.0, 60.0):
-        wave = np.sin(np.pi * at / half_wave)
-        inner = smoothed(wave, np.ones(901), half_wave)[300:600]
-        assert np.abs(inner).max() == pytest.approx(0.5, abs=0.02)
-
-
 @pytest.mark.parametrize("start", [(0, 0, 0.7), (0.35, 0.1, 0.7), (-0.3, -0.2, 0.8)])
 @pytest.mark.parametrize("way", [(1, 0, 0), (0, 1, 0), (0.6, 0.5, 0.3)])
 def test_the_outline_of_a_round_rope_is_as_wide_as_its_skin_looks(
@@ -182,39 +157,6 @@ def test_the_outline_of_a_round_rope_is_as_wide_as_its_skin_looks(
     beside = skin[np.abs((skin - middle) @ heading) < 0.3] - middle
     across = beside @ np.array([-heading[1], heading[0]])
     assert wide[len(grid) // 2] == pytest.approx(0.5 * np.ptp(across), rel=3e-3)
-
-
-def test_the_smoother_goes_straight_on_past_its_outermost_readings_and_then_stays() -> None:
-    at = np.arange(101.0)
-    weights = np.zeros(101)
-    weights[10:91] = 1
-    smooth = smoothed(np.where(weights > 0, 0.5 * at, 99.0), weights, 20)
-    np.testing.assert_allclose(smooth[7:94], 0.5 * at[7:94], atol=1e-6)
-    np.testing.assert_allclose(smooth[:7], 3.5, atol=1e-6)
-    np.testing.assert_allclose(smooth[94:], 46.5, atol=1e-6)
-
-
-def test_the_smoother_bridges_readings_without_weight() -> None:
-    at = np.linspace(-1, 1, 301)
-    weights = np.ones(301)
-    weights[100:140] = 0
-    wild = np.where(weights > 0, at**2, 99.0)
-    np.testing.assert_allclose(smoothed(wild, weights, 10), at**2, atol=1e-4)
-
-
-@pytest.mark.parametrize("half_wave", [0.02, 1.0, 10.0])
-def test_no_wave_is_too_short_to_carry_the_curve_across_a_gap(half_wave: float) -> None:
-    readings, weights = np.arange(300) / 20.0, np.ones(300)
-    weights[40:260] = 0
-    assert smoothed(np.where(weights, readings, 7.0), weights, half_wave) == pytest.approx(readings, abs=0.01)
-
-
-def test_samples_too_few_to_smooth_take_no_reading_of_weight_0() -> None:
-    """As where depth was read nowhere near: what stands there is a 0, a point at the camera."""
-    weights = np.array([0.0, 3.0, 0.0, 1.0])
-    np.testing.assert_allclose(smoothed(np.array([0.0, 0.7, 0.0, 0.9]), weights, 20), [0.7, 0.7, 0.8, 0.9])
-    places = np.array([[0.0, 0.0], [1.0, 2.0], [0.0, 0.0], [3.0, 4.0]])
-    np.testing.assert_allclose(smoothed(places, weights, 20), [[1, 2], [1, 2], [2, 3], [3, 4]])
 
 
 @pytest.mark.parametrize("held", ["start", "end"])

@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from chain.tubes import Scene, along, index_of, photograph, wave
+from chain.tubes import NOWHERE, Scene, along, index_of, photograph, wave
 
 from dlolib.captures.base import Frame
 from dlolib.chain import ChainSettings, chain_frame
@@ -18,7 +18,6 @@ from dlolib.chain.segment import segment
 from dlolib.errors import ChainError, ParameterError
 from dlolib.types import CaptureIndex, Obstacle
 
-NOWHERE = Path("tube")
 AXIS = wave(0.6)
 
 

@@ -7,8 +7,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from chain.test_extract import seen_by
-from chain.tubes import FOCAL, Scene, along, wave, without_diameter
+from chain.tubes import FOCAL, Scene, along, seen_by, wave, without_diameter
 
 from dlolib.chain import ChainSettings, chain_frame
 from dlolib.chain.shading import shaded_middles

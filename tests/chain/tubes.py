@@ -14,12 +14,16 @@ from typing import Any
 import cv2
 import numpy as np
 
+from dlolib.captures.base import Frame
 from dlolib.formats import write_capture_index
 from dlolib.o3d import open3d
 from dlolib.types import Camera, CaptureIndex, Ends, Floats, Motion, Rope
 
 WIDTH, HEIGHT, FOCAL = 640, 576, 504.0
 FORWARD = np.array([0.5, 0.5, 0.5, 0.5])
+NOWHERE = Path("tube")
+# A pillar before the middle, a gripper before the end.
+PILLAR = ((0.15, -0.05, -0.3), (0.04, 0.02, 0.6))
 SIDES = 32
 FINE, AMBIENT = 4, 0.3
 
@@ -28,7 +32,8 @@ FINE, AMBIENT = 4, 0.3
 class Scene:
     """A rope before a dark plate, and black boxes (corner, size) that hide parts of it.
 
-    Without a direction towards a light the rope is evenly bright.
+    Without a direction towards a light the rope is evenly bright; with a grain the noise of depth goes
+    together over so many pixels.
     """
 
     diameter_m: float = 0.008
@@ -38,6 +43,7 @@ class Scene:
     rope_level: int = 225
     noisy: bool = True
     light: tuple[float, float, float] | None = None
+    grain_px: float = 0.0
 
     def camera(self) -> Camera:
         view = np.eye(4)
@@ -81,7 +87,7 @@ def photograph(axis: Floats, scene: Scene, seed: int = 0) -> tuple[np.ndarray, n
     if scene.light is not None:
         color = _lit(world, rope, optics, camera_from_world, scene)[..., None] * np.ones(3)
     if scene.noisy:
-        depth, color = _noisy(depth, color, on_rope, rng)
+        depth, color = _noisy(depth, color, on_rope, rng, scene.grain_px)
     return np.clip(color, 0, 255).astype(np.uint8), np.round(depth * 1000).astype(np.uint16)
 
 
@@ -175,11 +181,30 @@ def _lit(world: Any, rope: int, optics: Floats, camera_from_world: Floats, scene
 
 
 def _noisy(
-    depth: Floats, color: Floats, on_rope: np.ndarray, rng: np.random.Generator
+    depth: Floats, color: Floats, on_rope: np.ndarray, rng: np.random.Generator, grain_px: float
 ) -> tuple[Floats, Floats]:
     back = cv2.dilate(depth, np.ones((5, 5)))
     edge = on_rope & (cv2.distanceTransform(on_rope.astype(np.uint8), cv2.DIST_L2, 5) <= 1.0)
     mixed = np.where(edge, depth + 0.6 * rng.uniform(size=depth.shape) * (back - depth), depth)
-    mixed += rng.normal(size=depth.shape) * 8e-4 * (depth / 0.7) ** 2
+    noise = rng.normal(size=depth.shape)
+    if grain_px:
+        noise = cv2.GaussianBlur(noise, (0, 0), grain_px)
+        noise /= noise.std()
+    mixed += noise * 8e-4 * (depth / 0.7) ** 2
     mixed[edge & (rng.uniform(size=depth.shape) < 0.3)] = 0
     return mixed, color + rng.normal(0, 6, color.shape)
+
+
+def seen_by(axis: Floats, scene: Scene, clamped: bool = True, seed: int = 0) -> tuple[Frame, CaptureIndex]:
+    color, depth = photograph(axis, scene, seed)
+    frame = Frame(0, 0.0, NOWHERE, color=color, depth_m=depth.astype(np.float32) / 1000)
+    return frame, index_of(NOWHERE, [axis], scene, clamped)
+
+
+def errors(axis: Floats, s_m: Floats, xyz_m: Floats) -> Floats:
+    """Distance [m] (K,) from where the rope is at these arc lengths."""
+    return np.linalg.norm(xyz_m - along(axis, s_m), axis=1)
+
+
+def rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from dlolib.formats import signed_distance
@@ -101,6 +102,18 @@ def test_noise_is_as_stated_and_frames_differ() -> None:
     sigma = (noisy[0] - noisy[1])[corner].std() / np.sqrt(2)
     stated = 0.8 * (exact[corner].mean() / 700) ** 2
     assert abs(sigma / np.hypot(stated, 1 / np.sqrt(12)) - 1) < 0.05
+
+
+def test_noise_of_a_grain_is_as_large_and_goes_together_over_so_many_pixels() -> None:
+    grain_px = 2.0
+    grained = Sensor(noise_m=0.008, grain_px=grain_px)
+    one, other = (look(grained, frame)[1].astype(float) for frame in (0, 1))
+    plate = (one - other)[400:500, 100:300]
+    stated = 8.0 * (one[400:500, 100:300].mean() / 700) ** 2
+    assert plate.std() / np.sqrt(2) == pytest.approx(stated, rel=0.1)
+    for apart in (2, 4):
+        together = np.corrcoef(plate[:, apart:].ravel(), plate[:, :-apart].ravel())[0, 1]
+        assert together == pytest.approx(np.exp(-(apart**2) / (4 * grain_px**2)), abs=0.1)
 
 
 def test_bias_is_smooth_bounded_and_the_same_in_every_frame() -> None:
