@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -36,6 +37,9 @@ from stages.proof import (
     verdict_sha256,
 )
 
+# An error of EI, a share, or of a place [m], is the same if it changes by no more than this.
+ROUNDING = 1e-6
+
 
 def main(*arguments: str) -> None:
     options = argparse.ArgumentParser(prog="python -m stages.proof_same", description=__doc__)
@@ -54,8 +58,10 @@ def main(*arguments: str) -> None:
     together(ThreadPoolExecutor(WORKERS), diagnose, tasks, f"diagnosing {asked.shard} once more")
     differ = [name for name, sha256 in known.items() if verdict_sha256(apart / name) != sha256]
     judged = {name: _judged(asked.shard, name, apart) for name in differ}
-    whole = [name for name, row in judged.items() if row != _but(scored[name])]
-    otherwise = [name for name in whole if _but(judged[name], *INTERVALS) != _but(scored[name], *INTERVALS)]
+    whole = [name for name, row in judged.items() if not _alike(row, _but(scored[name]))]
+    otherwise = [
+        name for name in whole if not _alike(_but(judged[name], *INTERVALS), _but(scored[name], *INTERVALS))
+    ]
     before = next(row["version"] for row in book.runs(BOOK) if row["shard"] == asked.shard)
     found = made | {"as": before, "shard": asked.shard, "recordings": len(known)}
     found |= {"differ": differ, "otherwise": whole, "judged_otherwise": otherwise}
@@ -69,6 +75,15 @@ def _judged(shard: str, name: str, verdicts: Path) -> dict[str, Any]:
     """What a verdict is worth, as a shard's row says it."""
     row = score(verdict_in(verdicts / name), answer_in(shard, name))
     return _but(json.loads(json.dumps(row)))
+
+
+def _alike(one: Any, other: Any) -> bool:
+    """Whether two rows say the same; of how large an error is the last digits do not count."""
+    if isinstance(one, dict) and isinstance(other, dict):
+        return one.keys() == other.keys() and all(_alike(value, other[key]) for key, value in one.items())
+    if isinstance(one, float) and isinstance(other, float):
+        return math.isclose(one, other, rel_tol=ROUNDING, abs_tol=ROUNDING)
+    return bool(one == other)
 
 
 def _but(row: dict[str, Any], *more: str) -> dict[str, Any]:
