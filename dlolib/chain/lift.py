@@ -239,10 +239,10 @@ def _read_depth(
     count = np.bincount(sample[near], minlength=len(grid))
     unclear = beside & ~both_sides(sample[near], across[near], len(grid))
     count[unclear] = 0
-    read = np.bincount(sample[near & inner], minlength=len(grid)) * ~unclear
-    left = sigma * noise_gain(read.astype(np.float64), settings.smooth_m / pitch)
-    counted = near & inner
-    left *= noise_together(sample[counted], axis[counted] - curve[sample[counted]], settings.smooth_m / pitch)
+    counted, half_wave = near & inner, settings.smooth_m / pitch
+    read = np.bincount(sample[counted], minlength=len(grid)) * ~unclear
+    together = noise_together(sample[counted], axis[counted] - curve[sample[counted]], half_wave)
+    left = together * sigma * noise_gain(read.astype(np.float64), half_wave)
     seen = bridged(count > 0, beside, reach)
     # what hides a side leaves no reading: across a wave the depth to both sides tells it
     seen |= between(seen, max(round(settings.smooth_m / pitch), 1)) & cut & ~beside

@@ -83,12 +83,12 @@ def noise_together(sample: NDArray[np.intp], rest: Floats, half_wave: float) -> 
         half_wave: as for `smoothed`, in samples.
     """
     block = sample // max(round(0.5 * half_wave), 1)
-    count, sums = np.bincount(block), np.bincount(block, rest - rest.mean())
+    count = np.bincount(block)
     filled = count > 0
-    variance = float(rest.var())
-    if filled.sum() < FEWEST_BLOCKS or variance == 0.0:
+    if filled.sum() < FEWEST_BLOCKS or np.ptp(rest) == 0.0:
         return 1.0
-    found = float(np.mean(sums[filled] ** 2 / count[filled])) / variance / WHITE_BLOCKS
+    sums = np.bincount(block, rest - rest.mean())
+    found = float(np.mean(sums[filled] ** 2 / count[filled]) / rest.var()) / WHITE_BLOCKS
     return float(np.sqrt(found)) if found > SURELY else 1.0
 
 

@@ -92,3 +92,4 @@ def test_of_few_readings_nothing_is_told() -> None:
     rest[::2] = -1.0
     assert noise_together(np.arange(40), rest, 20.0) == 1.0
     assert noise_together(np.arange(400), np.zeros(400), 20.0) == 1.0
+    assert noise_together(np.zeros(0, int), np.zeros(0), 20.0) == 1.0
