@@ -8,7 +8,7 @@ from dlolib.chain.anchor import Anchor
 from dlolib.chain.lift import Strand
 from dlolib.types import Floats
 
-MOST_STRANDS = 8
+MOST_STRANDS = 12
 TURN_M = 0.05
 SKIP = 2.0
 # By so much a rope may be longer than it is said to be; what is longer still is not that rope alone.
@@ -119,29 +119,25 @@ def _misses(lengths_m: list[float], length_m: float) -> list[float]:
 
 def _held_karp(between: Floats, opening: list[float], closing: list[float], misses: list[float]) -> list[int]:
     """The tips through which the strands are left, in order, on the cheapest way."""
-    count = len(closing) // 2
-    cost: dict[tuple[int, int], float] = {}
-    before: dict[tuple[int, int], int] = {}
-    for tip in range(2 * count):
-        # A strand is entered through one tip and left through the other.
-        cost[1 << tip // 2, tip] = opening[tip ^ 1]
-    for used in range(1, 1 << count):
-        for tip in range(2 * count):
-            so_far = cost.get((used, tip))
-            if so_far is None:
-                continue
-            for leave in range(2 * count):
-                if used >> leave // 2 & 1:
-                    continue
-                state = (used | 1 << leave // 2, leave)
-                price = so_far + between[tip, leave ^ 1]
-                if price < cost.get(state, np.inf):
-                    cost[state], before[state] = price, tip
-    state = min(cost, key=lambda key: (cost[key] + closing[key[1]] + misses[key[0]], key))
-    exits = [state[1]]
-    while state in before:
-        state = (state[0] & ~(1 << state[1] // 2), before[state])
-        exits.append(state[1])
+    tips = np.arange(len(closing))
+    strand, other = tips // 2, tips ^ 1
+    cost = np.full((1 << len(tips) // 2, len(tips)), np.inf)
+    before = np.full(cost.shape, -1)
+    # A strand is entered through one tip and left through the other.
+    cost[1 << strand, tips] = np.asarray(opening)[other]
+    onward = between[:, other]
+    for used in range(1, len(cost)):
+        prices = cost[used][:, None] + onward
+        leave = tips[(used >> strand & 1) == 0]
+        last = prices[:, leave].argmin(axis=0)
+        state = used | 1 << strand[leave]
+        cost[state, leave], before[state, leave] = prices[last, leave], last
+    whole = cost + closing + np.asarray(misses)[:, None]
+    used, tip = map(int, np.unravel_index(whole.argmin(), whole.shape))
+    exits = [tip]
+    while before[used, tip] >= 0:
+        used, tip = used & ~(1 << tip // 2), int(before[used, tip])
+        exits.append(tip)
     return exits[::-1]
 
 

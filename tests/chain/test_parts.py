@@ -246,3 +246,16 @@ def test_what_lies_behind_a_narrow_rope_is_taken_out_of_its_depth(radius_px: flo
         np.full(len(line), rope_m), column, line - row, grid, np.full(60, radius_px), alone, edge_px
     )
     np.testing.assert_array_equal(same, rope_m)
+
+
+def test_a_rope_in_many_pieces_is_put_in_order() -> None:
+    """As a coil of some turns is seen: each a little beside the one before."""
+    rng = np.random.default_rng(4)
+    at = np.linspace(0.0, 6.0 * np.pi, 601)
+    coil = np.stack([0.01 * at + 0.05 * np.cos(at), 0.05 * np.sin(at), 0.02 * np.cos(at + 1.0)], axis=1)
+    pieces = [strand(coil[50 * k + 2 : 50 * k + 48]) for k in range(12)]
+    mixed = [pieces[k] if rng.random() < 0.5 else pieces[k].turned() for k in rng.permutation(12)]
+    length_m = float(np.linalg.norm(np.diff(coil, axis=0), axis=1).sum())
+    start = Anchor(coil[0], coil[1] - coil[0])
+    found = in_order(mixed, start, None, length_m)
+    assert [piece.points_m[0].tolist() for piece in found] == [piece.points_m[0].tolist() for piece in pieces]
