@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -86,10 +87,14 @@ def chain_frame(
         ChainError: the frame shows no rope.
     """
     view = _view(frame, index, settings)
-    lines, width = centre_lines(view.mask)
-    start, end = anchors(frame, index)
+    with ThreadPoolExecutor(1) as aside:
+        aside.submit(getattr, view, "read")  # as long as the lines take
+        lines, width = centre_lines(view.mask)
+        start, end = anchors(frame, index)
+        lines += from_held_ends(lines, width, view, start, end)
+        grids = centred(lines, width, view, index.rope.radius_m, settings)
     before = None if previous is None else _camera(previous.line_m, index)
-    strands, more_m = _strands(lines, width, view, (start, end), before, index.rope, settings)
+    strands, more_m = _strands(grids, width, view, (start, end), before, index.rope, settings)
     if not strands:
         raise _no_rope(frame, "nothing in it is long and narrow and has depth")
     tips = _world(np.array([strands[0].points_m[0], strands[-1].points_m[-1]]), index)
@@ -132,7 +137,7 @@ def chain_frame(
 
 
 def _strands(
-    lines: list[Floats],
+    grids: list[Floats],
     width: float,
     view: View,
     ends: tuple[Anchor | None, Anchor | None],
@@ -142,8 +147,6 @@ def _strands(
 ) -> tuple[list[Strand], float]:
     """What was seen of the rope, in order, and the length [m] of what was more than can be put in order. How
     a cut skeleton goes on, a first and rough look tells."""
-    lines = [*lines, *from_held_ends(lines, width, view, *ends)]
-    grids = centred(lines, width, view, rope.radius_m, settings)
     if len(grids) > 1 and may_be_joined(grids, width, view, *ends):
         some = lift(grids, width, view, rope.radius_m, settings, fine=False)
         rough = in_order(some, *ends, rope.length_m, before_m)

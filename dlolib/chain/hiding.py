@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from dlolib.captures.base import Mask
 from dlolib.chain.centre import Sections, beside, resampled
 from dlolib.chain.shading import MARGIN_PX
-from dlolib.chain.view import View
+from dlolib.chain.view import View, places_of
 from dlolib.types import Floats
 
 # What is nearer by more hides the rope; what is nearer by less may be the rope itself, or hold it.
@@ -43,13 +43,12 @@ def hidden_by(grids: list[Floats], depths_m: list[Floats], radii_px: list[Floats
     found = np.zeros(view.mask.shape, dtype=np.uint8)
     read = view.depth_m[top:low, left:right]
     nearer = (read > 0) & (read < max(float(depth.max()) for depth in depths_m) - BEFORE_M)
-    rows, columns = np.nonzero(nearer)
-    if len(rows):
-        pixels = np.stack([columns + left, rows + top], axis=-1)
+    if nearer.any():
+        pixels = places_of(nearer) + np.array([left, top])
         distance, nearest = cKDTree(places).query(pixels, distance_upper_bound=close)
         beside_rope = np.isfinite(distance)
         rope_m = np.concatenate(depths_m)[np.where(beside_rope, nearest, 0)]
-        found[pixels[:, 1], pixels[:, 0]] = beside_rope & (read[nearer] < rope_m - BEFORE_M)
+        found[top:low, left:right][nearer] = beside_rope & (read[nearer] < rope_m - BEFORE_M)
     large = cv2.morphologyEx(found, cv2.MORPH_OPEN, np.ones((SMALLEST_PX,) * 2, np.uint8))
     return np.asarray(cv2.dilate(large, np.ones((2 * MIXED_PX + 1,) * 2, np.uint8)) > 0)
 
@@ -64,9 +63,7 @@ def hidden_sides(grids: list[Floats], radii_px: list[Floats], hidden: Mask) -> l
     """Samples (N,) of each line where `hidden` (H, W) lies in the rope's section: something hides a side."""
     found = [np.zeros(len(grid), dtype=np.bool_) for grid in grids]
     if hidden.any():
-        rows, columns = np.nonzero(hidden)
-        pixels = np.stack([columns, rows], axis=-1).astype(np.float64)
-        sections = Sections.of(grids, pixels, max(float(radius.max()) for radius in radii_px))
+        sections = Sections.of(grids, places_of(hidden), max(float(radius.max()) for radius in radii_px))
         for number, radius in enumerate(radii_px):
             mine = sections.line == number
             sample, across = sections.sample[mine], sections.across[mine]
@@ -87,17 +84,16 @@ def by_free_edge(
         view: the mask and the share of each pixel that is rope.
         half_wave_px: half of the shortest wave that a line may show [px].
     """
-    rows, columns = np.nonzero(hidden | view.mask)
-    pixels = np.stack([columns, rows], axis=-1).astype(np.float64)
-    sections = Sections.of(grids, pixels, _close(radii_px))
-    share = np.where(view.mask, view.coverage, 0)[rows, columns]
+    either = hidden | view.mask
+    sections = Sections.of(grids, places_of(either), _close(radii_px))
+    share, hides = np.where(view.mask, view.coverage, 0)[either], hidden[either]
     moved = []
     for number, (grid, radius) in enumerate(zip(grids, radii_px, strict=True)):
         mine = sections.line == number
         sample, across = sections.sample[mine], sections.across[mine]
         width = _along(sample, share[mine], len(grid))
         middle = _along(sample, share[mine] * across, len(grid)) / np.maximum(width, 0.1)
-        side = np.sign(_along(sample, hidden[rows, columns][mine] * np.sign(across), len(grid)).round())
+        side = np.sign(_along(sample, hides[mine] * np.sign(across), len(grid)).round())
         narrower = np.where(side != 0, np.clip(2 * radius - width, 0, 2 * radius), 0.0)
         cut = narrower > NARROWER_PX
         offset = np.where(cut, middle + 0.5 * side * narrower, 0.0)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
 from dlolib.chain.centre import Sections, beside, resampled
-from dlolib.chain.view import View
+from dlolib.chain.view import View, places_of
 from dlolib.types import Floats
 
 # Of a section: background on either side, and five ways of light to lie on a round body.
@@ -89,8 +89,7 @@ def _around(view: View, radius: float) -> tuple[Floats, Floats, NDArray[np.bool_
     assert view.levels is not None
     size = 2 * int(np.ceil(radius + MARGIN_PX)) + 1
     near = cv2.dilate(view.mask.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
-    rows, columns = np.nonzero(near)
-    pixels = np.stack([columns, rows], axis=-1).astype(np.float64)
+    pixels = places_of(near)
     return pixels, view.levels[near].astype(np.float64), view.mask[near]
 
 
