@@ -335,7 +335,7 @@ def _read(path: Path) -> dict[str, Any]:
         raise ParameterError(
             "this key is given twice", file=path, place=str(error), mend="remove one"
         ) from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except (yaml.YAMLError, ValueError) as error:  # no text, or a date that no calendar has
         mark = getattr(error, "problem_mark", None)
         place = f"line {mark.line + 1}" if mark else None
         raise ParameterError("is not valid YAML", file=path, place=place, mend="correct that line") from error

@@ -1,4 +1,4 @@
-"""Before the pipeline: params.yaml is whole, and the folders that it names are there or can be pulled."""
+"""Before the pipeline: params.yaml is whole, and what it names is there or can be pulled."""
 
 from __future__ import annotations
 
@@ -12,10 +12,20 @@ from stages import CAPTURED, DATA, LABORATORY, run
 
 def main() -> None:
     """Refuse what the pipeline would stumble over after an hour."""
-    for place, folder in named(load()):
+    params = load()
+    for place, folder in named(params):
         if not folder.exists() and not folder.with_name(f"{folder.name}.dvc").is_file():
             raise ParameterError(
                 f"no such folder: {folder}", file=PARAMS, place=place, mend="correct the name, or add it"
+            )
+    logs = DATA / params.execute.source
+    for name in params.layouts if params.execute.source != LABORATORY and logs.exists() else ():
+        if not (logs / name / "log.csv").is_file():
+            raise ParameterError(
+                f"no such file: {logs / name / 'log.csv'}",
+                file=PARAMS,
+                place="execute.source",
+                mend=f"execute {name}, too, or take it out of layouts",
             )
 
 

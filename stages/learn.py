@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
 from dataclasses import replace
 
 from dlolib.cli_values import rope_values
@@ -13,7 +12,7 @@ from dlolib.learn import LearnSettings, ablate, learn, write_learned
 from dlolib.params import Learn, Rod, load_block
 from dlolib.sim.effects import of_the_rope
 from dlolib.sim.rod import Rod as SimulatedRod
-from dlolib.types import Estimate, Fit, Layout
+from dlolib.types import Fit, Layout
 from stages import DATA, REPORTS, WITHOUT, run, write_metrics
 
 
@@ -21,7 +20,10 @@ def main(name: str) -> None:
     block = load_block(Learn)
     layout = read_layout(DATA / "layouts" / name)
     verdict = read_verdict(REPORTS / "diagnose" / block.verdict_of)
-    rod, stay = rod_of(layout, verdict.fit.parameters)
+    if verdict.status == "unexplained":
+        says = "no model of the library explains it; take what it names with care"
+        say([f"recording {block.verdict_of}: {says}"])
+    rod, stay = rod_of(layout, verdict.fit)
     if stay:
         say([f"{', '.join(stay)}: of the recording {block.verdict_of} and not of the rope, left out"])
     chosen = settings(layout.rope.length_m)
@@ -32,7 +34,8 @@ def main(name: str) -> None:
         ablation = ablate(layout, rod, shorter, block.ablation.seeds)
     write_metrics(f"learn_{name}", write_learned(learned, REPORTS / "learn" / name, ablation))
     # the same with the best elastic rod, for the report to compare
-    elastic = learn(layout, rod_of(layout, verdict.baseline.parameters)[0], chosen)
+    alone = replace(verdict.fit, parameters=verdict.baseline.parameters, rope=None)
+    elastic = learn(layout, rod_of(layout, alone)[0], chosen)
     write_learned(elastic, REPORTS / "learn" / name / WITHOUT)
 
 
@@ -48,9 +51,9 @@ def settings(length_m: float) -> LearnSettings:
     )
 
 
-def rod_of(layout: Layout, parameters: Mapping[str, Estimate]) -> tuple[SimulatedRod, tuple[str, ...]]:
+def rod_of(layout: Layout, fit: Fit) -> tuple[SimulatedRod, tuple[str, ...]]:
     """The layout's rope with the physics that a diagnosis found; the effects that it does not take along."""
-    known = rope_values(layout.rope, layout.name, Fit(parameters, 0.0, 0, 0), {})
+    known = rope_values(layout.rope, layout.name, fit, {})
     own, stay = of_the_rope(known.parameters)
     return SimulatedRod.of(known.rope, own), stay
 

@@ -173,7 +173,7 @@ def compare(run: LabRun, layout: Layout, rod_m: Floats | None) -> LawOutcome:
     """The last shape of a run beside the goal and the rod's nodes (N, 3) [m], at equal arc length."""
     share = run.s_m / run.s_m[-1]
     axis = make_interp_spline(share, run.xyz_m[-1], k=3)
-    goal_share = (layout.goal_s_m - layout.goal_s_m[0]) / (layout.goal_s_m[-1] - layout.goal_s_m[0])
+    goal_share = layout.goal_s_m / layout.rope.length_m
     goal = make_interp_spline(goal_share, layout.goal_m, k=min(3, len(goal_share) - 1))
     to_goal = _distance(run.xyz_m[-1], goal(share))
     rod_error: dict[str, float] | None = None

@@ -58,28 +58,39 @@ def check_robot(robot: Robot, poses: Floats, limits: Limits) -> None:
     if (left := outside(robot.pose()[None, :3], limits)) is not None:
         raise MotionRefused(left[1], place="where the robot stands", mend="jog it to the trajectory's start")
     robot.arm()
-    way, rows = _way_there(robot.pose(), poses[0]), _checked(poses)
-    places = [THERE] * len(way) + [f"row {row + 1}" for row in rows]
-    if (forbidden := robot.forbids(np.concatenate([way, poses[rows]]))) is not None:
+    there, way = _way_there(robot.pose(), poses[0]), _way(poses)
+    even = np.linspace(0.0, way[-1], int(np.ceil(way[-1])) + 1)
+    if (forbidden := robot.forbids(np.concatenate([there, _at(poses, way, even)]))) is not None:
         number, why = forbidden
-        raise MotionRefused(f"the pose is outside {why}", place=places[number], mend=MOVE)
+        raise MotionRefused(f"the pose is outside {why}", place=_places(there, way, even)[number], mend=MOVE)
     if limits.joints_rad is not None:
-        places = [THERE] * len(way) + [f"row {row + 1}" for row in range(len(poses))]
-        _check_joints(robot, np.concatenate([way, poses]), places, np.array(limits.joints_rad))
+        each = np.union1d(way, even)
+        asked = np.concatenate([there, _at(poses, way, each)])
+        _check_joints(robot, asked, _places(there, way, each), np.array(limits.joints_rad))
 
 
 def _way_there(here: Floats, first: Floats) -> Floats:
     """Poses (N, 6) on the straight way from where the tool is to the first of the path, without that one."""
     ends = np.stack([here, first])
-    share = np.linspace(0.0, 1.0, int(_way(ends)[-1]) + 2)[:-1]
-    turn = Slerp([0.0, 1.0], Rotation.from_rotvec(ends[:, 3:]))(share)
-    return np.hstack([here[:3] + share[:, None] * (first[:3] - here[:3]), turn.as_rotvec()])
+    way = _way(ends)
+    return _at(ends, way, np.linspace(0.0, way[-1], int(way[-1]) + 2)[:-1])
 
 
-def _checked(poses: Floats) -> list[int]:
-    """Rows of a path (T, 6) to ask the controller about, the first and the last among them."""
-    _, rows = np.unique(np.floor(_way(poses)), return_index=True)
-    return sorted({*rows.tolist(), len(poses) - 1})
+def _at(poses: Floats, way: Floats, asked: Floats) -> Floats:
+    """The poses (N, 6) at so much of the way (N,) along a path (T, 6)."""
+    ways, rows = np.unique(way, return_index=True)
+    if len(ways) == 1:
+        return np.repeat(poses[:1], len(asked), axis=0)
+    places = np.stack([np.interp(asked, way, column) for column in poses[:, :3].T], axis=-1)
+    turns = Slerp(ways, Rotation.from_rotvec(poses[rows, 3:]))(asked)
+    return np.hstack([places, turns.as_rotvec()])
+
+
+def _places(there: Floats, way: Floats, asked: Floats) -> list[str]:
+    """What to call each pose (N, 6) on the way to the path, and those at so much of its way: the row that the
+    path comes to there."""
+    rows = np.searchsorted(way, asked)
+    return [THERE] * len(there) + [f"row {row + 1}" for row in rows]
 
 
 def _way(poses: Floats) -> Floats:

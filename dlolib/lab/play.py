@@ -92,7 +92,8 @@ def play(
         xyz[step], plastic[step], poses[step] = chain.axis(), chain.plastic, chain.gripper()
         if step % CHECK_EVERY == 0 or step == steps:
             chain.check(times[step])
-    at = np.rint((samples - motion.t_s[0]) / TIME_STEP_S).astype(int)
+    # half a step more or less may round otherwise than the whole
+    at = np.minimum(np.rint((samples - motion.t_s[0]) / TIME_STEP_S).astype(int), steps)
     clearance = _clearance(xyz, obstacles) - rope.diameter_m / 2
     return LabRun(
         t_s=samples,

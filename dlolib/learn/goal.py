@@ -70,10 +70,12 @@ def _check_ends(layout: Layout, clearance_m: float) -> None:
 
 
 def goal_at_particles(layout: Layout, particles: int) -> Floats:
-    """The goal at equally spaced arc lengths, shape (particles, 3) [m], by a cubic spline in s."""
-    share = np.linspace(0.0, 1.0, particles)
-    spread = (layout.goal_s_m - layout.goal_s_m[0]) / (layout.goal_s_m[-1] - layout.goal_s_m[0])
-    return np.asarray(make_interp_spline(spread, layout.goal_m, k=3)(share), dtype=np.float64)
+    """The goal at equally spaced arc lengths, shape (particles, 3) [m], by a cubic spline in s.
+
+    Before its first point and after its last, which `check_learnable` wants near the ends, it bends on.
+    """
+    spline = make_interp_spline(layout.goal_s_m / layout.rope.length_m, layout.goal_m, k=3)
+    return np.asarray(spline(np.linspace(0.0, 1.0, particles)), dtype=np.float64)
 
 
 def goal_error(positions_m: Floats, goal_m: Floats) -> GoalError:

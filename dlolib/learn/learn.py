@@ -153,13 +153,14 @@ def _train(learner: Learner, bare: DifferentiableRope, settings: LearnSettings) 
     return Learned(learner.layout, settings, policy, kept, iteration, curve, 1, len(rows))
 
 
-def _rank(episode: Episode, settings: LearnSettings) -> tuple[int, float]:
-    """Order of preference, smallest first: free and on the goal by clearance, free by error, else by loss."""
+def _rank(episode: Episode, settings: LearnSettings) -> tuple[int, float, float]:
+    """Order of preference, smallest first: free and on the goal by clearance, and by error where there is
+    nothing to keep clear of; free by error; else by loss."""
     if episode.min_clearance_m < settings.clearance_m:
-        return 2, episode.loss
+        return 2, episode.loss, 0.0
     if episode.goal.mean_m > settings.goal_tolerance_m:
-        return 1, episode.goal.mean_m
-    return 0, -episode.min_clearance_m
+        return 1, episode.goal.mean_m, 0.0
+    return 0, -episode.min_clearance_m, episode.goal.mean_m
 
 
 def _row(iteration: int, episode: Episode) -> dict[str, float]:

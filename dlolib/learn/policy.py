@@ -40,8 +40,8 @@ class Policy:
     def parameters(self, weights: Weights, positions_m: Floats, previous: Floats) -> Floats:
         """T_i = γ_i Λ, shape (..., 5), from the nodes (..., N, 3) and T_{i-1} (..., 5): (18).
 
-        The network sees the way that each node still has to its goal, in units of a tenth of the rope's
-        length, and T_{i-1} / Λ: numbers of the order of one, as Xavier's initial values expect them.
+        The network sees the way that each node still has to its goal, in units of the rope's length, and
+        T_{i-1} / Λ: numbers of the order of one, as Xavier's initial values expect them.
         """
         rest = anp.reshape((positions_m - self.goal_m) / self.length_m, (*previous.shape[:-1], -1))
         signal = anp.concatenate((rest, previous / self.bounds), axis=-1)

@@ -20,7 +20,7 @@ class LearnSettings:
         rate: Adam's learning rate η; Table I has 0.001, with which 200 iterations often are too few.
         forgetting: Adam's β2; 0.9 instead of the usual 0.999, since the first contact's large gradient would
             else hold the steps small for hundreds of iterations.
-        contact_weight, goal_weight: ω1 and ω2 of (19).
+        contact_weight, goal_weight: ω1 and ω2 [1/m] of (19), whose loss is a length, as in the paper.
         steps: h, simulation steps of the whole path.
         segments: k, sub-trajectories; a divisor of `steps`.
         bounds: Λ = (φ [rad a step], s, θ [rad], Δx [m], Δz [m]).

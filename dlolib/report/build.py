@@ -49,7 +49,7 @@ def build_report(
     Raises:
         DloError: `results` is no folder, one of its files cannot be read, or `out` holds what no report left.
     """
-    results, out = Path(results), Path(out)
+    results, out = Path(results), Path(out).resolve()  # a link may lead to another disk
     if not results.is_dir():
         problem = "is a file" if results.is_file() else "no such folder"
         raise DloError(problem, file=results, mend="name the folder with the stages' results")
@@ -57,7 +57,8 @@ def build_report(
     beside = Path(os.path.normpath(results / ".." / "data"))
     source = Results(results, beside if data is None else Path(data), has_truth, parameters)
     out.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=".report.", dir=out.parent) as name:
+    # what is there may be a disk of its own, onto which nothing can be renamed from beside it
+    with tempfile.TemporaryDirectory(prefix=".report.", dir=out if out.is_dir() else out.parent) as name:
         work = Path(name)
         report = collect(source, work / "figures")
         page, document = render_html(report, work), render_pdf(report, work)
@@ -80,6 +81,8 @@ def build_report(
 def _check_place(out: Path) -> None:
     """Refuse to replace what no earlier report left."""
     mend = "write to a folder of its own"
+    if out.exists() and not out.is_dir():
+        raise DloError("is a file", file=out, mend=mend)
     there = [name for name in ("figures", *FILES) if (out / name).exists()]
     for name in there:
         if (out / name).is_dir() != (name == "figures"):

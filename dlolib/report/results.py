@@ -131,7 +131,9 @@ class Results:
     @cached_property
     def diagnosed(self) -> tuple[str, ...]:
         """Names of the diagnosed recordings: the captured one first, then by name."""
-        return self._named("recordings", _folders(self.folder / "diagnose"))
+        folders = _folders(self.folder / "diagnose")
+        told = [name for name in folders if (self.folder / "diagnose" / name / "verdict.json").is_file()]
+        return self._named("recordings", told)
 
     @cached_property
     def recordings(self) -> tuple[str, ...]:

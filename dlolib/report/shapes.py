@@ -27,19 +27,25 @@ def shapes_figure(name: str, shapes: pd.DataFrame, figures: Path) -> Figure:
     repeated = _is_one_pose(shapes)
     spaced = np.linspace(0, len(frames) - 1, min(SHOWN, len(frames))).round().astype(int)
     chosen = frames if repeated else frames[spaced]
+    # one point alone does not tell which way the rope runs there
+    lines = shapes.groupby("frame").filter(lambda rows: len(rows) > 1)
     figure = canvas(58)
     aspect = float(np.ptp(shapes["x_m"]) / max(np.ptp(shapes["z_m"]), 1e-6))
-    left, right = figure.subplots(1, 2, width_ratios=[min(max(aspect, 0.5), 1.15), 1])
+    panels = [min(max(aspect, 0.5), 1.15), 1.0] if len(lines) else [1.0]
+    left, *right = figure.subplots(1, len(panels), width_ratios=panels, squeeze=False)[0]
     _draw_shapes(left, shapes, chosen)
-    means, spread = _draw_residual(right, shapes)
-    for axes in (left, right):
+    shown = f"{title(name)}: {len(chosen)} of {len(frames)} frames; dots are observed, lines simulated."
+    caption, beside = f"{shown} No frame has two points, between which a residual could be drawn.", ""
+    if right:
+        means, spread = _draw_residual(right[0], lines)
+        caption, beside = f"{shown} {_residual_said(len(frames))}", ", and the residual along the rope"
+        if repeated:
+            caption = _shared_said(name, len(frames), means, spread)
+    for axes in (left, *right):
         thousandths(axes)
         legend_above(axes)
-    return Figure(
-        save(figure, figures, f"shapes_{name}"),
-        _caption(name, repeated, len(frames), len(chosen), means, spread),
-        f"Simulated and observed shapes of {title(name)}, and the residual along the rope",
-    )
+    alt = f"Simulated and observed shapes of {title(name)}{beside}"
+    return Figure(save(figure, figures, f"shapes_{name}"), caption, alt)
 
 
 def _draw_shapes(axes: Axes, shapes: pd.DataFrame, chosen: Ints) -> None:
@@ -73,8 +79,6 @@ def _residual_lines(shapes: pd.DataFrame, axes: Axes) -> tuple[Floats, Floats]:
     frames = np.unique(shapes["frame"])
     drawn = {*frames[np.linspace(0, len(frames) - 1, min(LINES, len(frames))).round().astype(int)].tolist()}
     for frame, rows in shapes.groupby("frame"):
-        if len(rows) < 3:
-            continue
         s_m, across = normal_residual(rows)
         if frame in drawn:
             axes.plot(s_m, across, color=FAINT, linewidth=0.45, alpha=0.7, zorder=1)
@@ -89,23 +93,25 @@ def _is_one_pose(shapes: pd.DataFrame) -> bool:
     return bool(np.isfinite(spread) and spread < 0.02)
 
 
-def _caption(name: str, repeated: bool, frames: int, shown: int, means: Floats, spread: Floats) -> str:
-    if repeated:
-        shared, error = np.sqrt(np.mean(means**2)), np.sqrt(np.mean(spread**2) / frames)
-        verdict = (
-            "which is more than the points' scatter explains: the rod lacks something"
-            if shared > SURE * error
-            else "which the points' scatter alone can explain"
-        )
-        return (
-            f"{title(name)}: one pose, seen {frames} times. Right, "
-            "across the rope: grey one line a time, blue their mean and its spread. What all "
-            f"share is {millimetres(float(shared))} mm (RMS) with a standard error of "
-            f"{millimetres(float(error))} mm, {verdict}."
-        )
+def _shared_said(name: str, frames: int, means: Floats, spread: Floats) -> str:
+    """What the residuals of one pose say that was seen again and again."""
+    shared, error = np.sqrt(np.mean(means**2)), np.sqrt(np.mean(spread**2) / frames)
+    verdict = (
+        "which is more than the points' scatter explains: the rod lacks something"
+        if shared > SURE * error
+        else "which the points' scatter alone can explain"
+    )
+    return (
+        f"{title(name)}: one pose, seen {frames} times. Right, "
+        "across the rope: grey one line a time, blue their mean and its spread. What all "
+        f"share is {millimetres(float(shared))} mm (RMS) with a standard error of "
+        f"{millimetres(float(error))} mm, {verdict}."
+    )
+
+
+def _residual_said(frames: int) -> str:
     grey = "one line a frame" if frames <= LINES else f"the lines of {LINES} frames"
     return (
-        f"{title(name)}: {shown} of {frames} frames; dots are observed, lines simulated. Right, across "
-        f"the rope in the x-z plane: grey {grey}, blue the mean of all frames and its spread. Smooth waves "
-        "of the grey lines are what the model lacks; their jagged scatter is noise."
+        f"Right, across the rope in the x-z plane: grey {grey}, blue the mean of all frames and its spread. "
+        "Smooth waves of the grey lines are what the model lacks; their jagged scatter is noise."
     )

@@ -22,6 +22,7 @@ from dlolib.errors import MotionRefused
 from dlolib.execute import ExecutionResult, Limits, RobotConfig, execute_from_log, execute_on_robot, read_log
 from dlolib.execute.recorded import columns
 from dlolib.execute.robots import Robot
+from dlolib.execute.robots.ur import end_program
 from dlolib.execute.stream import check_robot
 from dlolib.formats import write_motion
 from dlolib.types import Floats, Motion
@@ -207,6 +208,14 @@ def test_nobody_at_the_address_is_refused_in_one_line(tmp_path: Path) -> None:
     assert "\n" not in str(refused.value)
 
 
+@pytest.mark.parametrize("host", ["192.168..10", f"{'a' * 64}.local"])
+def test_an_address_that_none_can_have_is_refused_in_one_line(tmp_path: Path, host: str) -> None:
+    end_program(host)
+    with pytest.raises(MotionRefused, match=rf"no robot answers at {host}") as refused:
+        execute_on_robot(arc(), host, RobotConfig(), tmp_path / "out")
+    assert "\n" not in str(refused.value)
+
+
 STOPS = {
     "protective stop": ("--protect-after", "protective stop"),
     "connection closed for good": ("--die-after", "connection lost"),
@@ -336,6 +345,19 @@ def test_no_pose_between_those_that_are_asked_about_is_overlooked(case: str) -> 
     with pytest.raises(MotionRefused) as refused:
         check_robot(cast(Robot, robot), poses, Limits(joints_rad=((-1,) * 6, (1,) * 6)))
     assert re.search(message, f"{refused.value.problem} {refused.value.place}")
+
+
+@pytest.mark.parametrize("rows", [11, 41, 68])
+@pytest.mark.parametrize("forbidden_m", [0.411, 0.4934])
+def test_rows_far_apart_are_asked_about_between_them(rows: int, forbidden_m: float) -> None:
+    poses = np.zeros((rows, 6))
+    poses[:, 0], poses[:, 2] = np.linspace(0.3, 0.5, rows), 0.3
+    poses = np.repeat(poses, 2, axis=0)  # it may stand still
+    with pytest.raises(MotionRefused) as refused:
+        check_robot(cast(Robot, Elbow(0.3, 0.0, forbidden_m)), poses, Limits())
+    row = int(re.search(r"row (\d+)", refused.value.place or "")[1])  # type: ignore[index]
+    assert poses[row - 3, 0] <= forbidden_m + 3e-3
+    assert poses[row - 1, 0] >= forbidden_m - 3e-3
 
 
 def test_the_robot_is_stopped_when_its_client_crashes(robots: Start, tmp_path: Path) -> None:

@@ -101,6 +101,13 @@ def test_return_mapping_obeys_the_yield_condition_in_any_direction() -> None:
         assert np.array_equal(plastic[inside], before[inside])
 
 
+def test_the_last_sample_is_there_whatever_the_clock_begins_at() -> None:
+    motion = path((0.38, 0.0), (0.38, 0.0), leg_s=1.937)
+    # half a step, which rounds up for the sample and down for the whole
+    late = replace(motion, t_s=np.array([4.587, 6.524]))
+    assert np.array_equal(play(COARSE, late).t_s, late.t_s)
+
+
 def test_turning_the_world_turns_the_rope() -> None:
     turn = Rotation.from_euler("z", 90, degrees=True)
     motion = path((0.38, 0.0), (0.3, 0.1), leg_s=0.5)

@@ -11,7 +11,8 @@ from dlolib.errors import ParameterError, SimulationError
 from dlolib.formats import read_layout, read_motion
 from dlolib.learn import LearnSettings, ablate, learn, write_learned
 from dlolib.learn.arcs import PARAMETERS
-from dlolib.learn.goal import goal_at_particles
+from dlolib.learn.goal import GoalError, goal_at_particles
+from dlolib.learn.learn import _rank
 from dlolib.learn.policy import Policy, xavier
 from dlolib.learn.rope import HeldRope, Piece
 from dlolib.learn.train import Learner
@@ -30,6 +31,24 @@ def learner(settings: LearnSettings) -> Learner:
     weights = xavier(goal.size + PARAMETERS, settings.hidden, settings.seed)
     policy = Policy(weights, np.array(settings.bounds), goal, LAYOUT.rope.length_m)
     return Learner(LAYOUT, HeldRope(LAYOUT, ROD, settings, settings.contact_margin_m), policy, settings)
+
+
+@pytest.mark.parametrize("share", [(np.arange(30) + 0.5) / 30, np.linspace(0.019, 0.981, 60)])
+def test_a_goal_that_does_not_reach_the_ends_keeps_its_arc_lengths(share: Floats) -> None:
+    whole = goal_at_particles(LAYOUT, 1001)
+    s_m = share * LAYOUT.rope.length_m
+    some = np.stack([np.interp(share, np.linspace(0, 1, 1001), column) for column in whole.T], axis=1)
+    found = goal_at_particles(replace(LAYOUT, goal_s_m=s_m, goal_m=some), 1001)
+    assert np.linalg.norm(found - whole, axis=1).max() < 2e-4
+
+
+def test_without_obstacles_the_nearest_shape_is_kept() -> None:
+    episode = learner(SMALL).episode(learner(SMALL).flat, want_gradient=False)
+    near, nearer = (
+        replace(episode, min_clearance_m=np.inf, goal=GoalError(mean_m, mean_m, mean_m))
+        for mean_m in (9e-4, 1e-5)
+    )
+    assert _rank(nearer, SMALL) < _rank(near, SMALL)
 
 
 def test_gradient_through_controller_and_rope() -> None:

@@ -17,6 +17,22 @@ def test_what_the_file_names_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(list(check.named(load()))) >= 6
 
 
+def test_a_log_that_is_not_there_is_said_before_the_pipeline_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = (ROOT / "params.yaml").read_text()
+    lines = ("  source: lab               # lab, or the name of a folder of", "  source: runs  #")
+    assert lines[0] in text
+    (tmp_path / "params.yaml").write_text(text.replace(*lines))
+    (tmp_path / "data/runs/layout_1").mkdir(parents=True)
+    for there in (ROOT / "data").iterdir():
+        (tmp_path / "data" / there.name).symlink_to(there)
+    (tmp_path / "data/runs/layout_1/log.csv").touch()
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ParameterError, match=r"no such file: data/runs/layout_2/log\.csv"):
+        check.main()
+
+
 @pytest.mark.parametrize(
     ("line", "says"),
     [

@@ -73,6 +73,7 @@ def test_the_committed_file_is_good() -> None:
         ("  steps: 300", "  steps: 300\n  steps: 30", "steps: this key is given twice; remove one"),
         ("layouts: [layout_1", "layouts: [../layout", "layouts.0: String should match pattern"),
         ("  source: lab", "  source: lab: x", "is not valid YAML"),
+        ("  steps: 300", "  steps: 2024-13-01", "is not valid YAML"),
     ],
 )  # fmt: skip
 def test_one_line(tmp_path: Path, old: str, new: str, said: str) -> None:

@@ -13,6 +13,7 @@ from report.synthetic import LAYOUTS, blocks_of, write_results, write_robot_log
 from dlolib.errors import DloError, FormatError
 from dlolib.files import write_json
 from dlolib.report import Results, build_report, collect
+from dlolib.report.build import FILES
 from dlolib.report.headline import headline
 
 
@@ -149,6 +150,34 @@ def test_what_no_report_left_stays(results: Path, tmp_path: Path, there: str) ->
     with pytest.raises(DloError, match="is there and of no report; write to a folder of its own"):
         build_report(results, out)
     assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_file_is_no_folder_to_report_to(results: Path, tmp_path: Path) -> None:
+    (tmp_path / "thesis").write_text("mine", encoding="utf-8")
+    with pytest.raises(DloError, match="thesis: is a file; write to a folder of its own"):
+        build_report(results, tmp_path / "thesis")
+    assert (tmp_path / "thesis").read_text(encoding="utf-8") == "mine"
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_report_goes_where_a_link_leads(
+    results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("dlolib.report.build.render_pdf", lambda *_: b"")
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "reports").symlink_to("disk")
+    seen = []
+    monkeypatch.setattr("dlolib.report.build.render_html", lambda _, work: seen.append(work) or "page")
+    build_report(results, tmp_path / "reports")
+    assert seen[0].parent == tmp_path / "disk"  # nothing is renamed from one disk to another
+    assert {path.name for path in (tmp_path / "disk").iterdir()} == {"figures", *FILES}
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_what_was_not_diagnosed_to_the_end_is_left_out(results: Path) -> None:
+    (results / "diagnose/other").mkdir(parents=True)
+    assert "other" not in Results(results, results.parent / "data").diagnosed
 
 
 @pytest.mark.usefixtures("undrawn")

@@ -108,6 +108,13 @@ def test_a_long_recording_makes_no_long_figure(tmp_path: Path) -> None:
     assert sizes[1] < 1.1 * sizes[0]
 
 
+@pytest.mark.parametrize(("points", "says"), [(1, "No frame has two points"), (2, "grey one line a frame")])
+def test_few_points_a_frame_are_drawn(tmp_path: Path, points: int, says: str) -> None:
+    rows = pd.DataFrame({"frame": np.repeat(np.arange(5), points), "s_m": np.tile([0.2, 0.4][:points], 5)})
+    rows = rows.assign(x_m=rows["s_m"], y_m=0.0, z_m=0.1 * rows["frame"], sim_x_m=rows["s_m"], sim_z_m=0.0)
+    assert says in shapes_figure("few", rows, tmp_path).caption
+
+
 @pytest.mark.usefixtures("undrawn")
 def test_a_large_page_is_written_with_a_warning(
     results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture

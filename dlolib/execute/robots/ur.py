@@ -215,14 +215,18 @@ def _check_port(host: str, port: int, name: str) -> None:
     """ur_rtde's constructors wait long, and Ctrl-C does not reach them: ask first."""
     try:
         socket.create_connection((host, port), timeout=ANSWER_S).close()
-    except OSError as error:
-        problem = f"no robot answers at {host} ({name}, port {port}): {error.strerror or error}"
+    except (OSError, UnicodeError) as error:  # a name that no host can have is no OSError
+        reason = getattr(error, "strerror", None) or error
+        problem = f"no robot answers at {host} ({name}, port {port}): {reason}"
         raise MotionRefused(problem, mend="check address, cable and power") from error
 
 
 def end_program(host: str) -> None:
     """Tell the controller's dashboard to stop its program; nothing is waited for but the connection."""
-    with suppress(OSError), socket.create_connection((host, DASHBOARD_PORT), timeout=ANSWER_S) as line:
+    with (
+        suppress(OSError, UnicodeError),
+        socket.create_connection((host, DASHBOARD_PORT), timeout=ANSWER_S) as line,
+    ):
         line.sendall(b"stop\n")
         line.shutdown(socket.SHUT_WR)
 

@@ -85,7 +85,7 @@ def _curves(name: str, table: pd.DataFrame, figures: Path) -> Figure:
             clearance.plot(run["iteration"], run["min_clearance_m"], **look)
     error.axhline(paper.FINAL_CONTACT_LOSS_M, color=PAPER, linewidth=0.9, linestyle=(0, (4, 3)))
     error.annotate(
-        "the paper: below 0.01 m", (0.02, paper.FINAL_CONTACT_LOSS_M), (0, -3),
+        "the paper: a loss below 0.01 m", (0.02, paper.FINAL_CONTACT_LOSS_M), (0, -3),
         xycoords=("axes fraction", "data"), textcoords="offset points", ha="left", va="top",
         fontsize=6.5, color=PAPER, bbox=WHITE,
     )  # fmt: skip
@@ -118,7 +118,11 @@ def _table(name: str, table: pd.DataFrame) -> Table:
     columns = [Column("Initial weights", "seed", "left")]
     rows = {int(seed): [str(int(seed))] for seed in sorted(table["seed"].unique())}
     for loss, (word, _) in LOSSES.items():
-        columns += [Column(f"{word}: goal error", "mm"), Column("clearance", "mm"), Column("loss", "m")]
+        columns += [
+            Column(f"{word}: goal error", "mm"),
+            Column("clearance", "mm"),
+            Column("loss", "m"),
+        ]
         runs = last_of_runs(table, loss)
         for seed, row in rows.items():
             error, clearance, value = (float(runs[key].get(seed, math.nan)) for key in LAST)

@@ -128,7 +128,7 @@ def _ablation(results: Results) -> tuple[Row, ...]:
         command = f"`dvc repro learn@{name}`"
         rows: list[Row] = []
         for loss, head, theirs in (
-            ("mse", "Plain MSE on layout 1, Fig. 11", "stuck at the cylinder"),
+            ("mse", f"Plain MSE on {title(name).lower()}, Fig. 11", "stuck at the cylinder"),
             (
                 "contact",
                 "With the contact term, Fig. 11",
