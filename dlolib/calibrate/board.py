@@ -18,7 +18,7 @@ from dlolib.formats._json import checked
 from dlolib.formats._schema import Strict
 from dlolib.types import Floats
 
-PREFIX = "DICT_"
+BOARD, PREFIX = "board.json", "DICT_"
 SMALLEST_M, LARGEST_M = 1e-4, 2.0
 # One marker's corners leave nothing over by which a wrong one would show; six of a chessboard do.
 LEAST_CORNERS = {"charuco": 6, "aruco": 4}
@@ -98,6 +98,12 @@ def dictionary(name: str, path: Path) -> Any:
         known = ", ".join(sorted(word for word in dir(cv2.aruco) if word.startswith(PREFIX)))
         raise FormatError(f"unknown {name!r}", file=path, place="dictionary", mend=f"choose from {known}")
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, full))
+
+
+def family(name: str) -> str:
+    """What dictionaries share whose first markers are the same: "4X4" of "DICT_4X4_50"; else its name."""
+    words = name.removeprefix(PREFIX).upper()
+    return words.partition("_")[0] if words[0].isdigit() else words
 
 
 def sighting(board: Board, image: Image) -> Sighting | None:

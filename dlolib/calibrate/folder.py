@@ -132,7 +132,7 @@ def read_object(path: Path, what: str) -> dict[str, Any]:
     """
     try:
         content = json.loads(existing(path, what).read_text(encoding="utf-8-sig"))
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise FormatError(f"is not JSON: {error}"[:120], file=path, mend="mend it there") from error
     if not isinstance(content, dict):
         raise FormatError("holds no JSON object", file=path, mend="begin with {")

@@ -18,7 +18,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from scipy.stats import t as student
 
-from dlolib.calibrate.board import Board, Sighting, read_board, sighting
+from dlolib.calibrate.board import BOARD, Board, Sighting, read_board, sighting
 from dlolib.calibrate.folder import Shots, read_shots, read_tool_poses
 from dlolib.calibrate.plane_pose import PlanePose, plane_pose, posed, projected
 from dlolib.errors import FormatError
@@ -86,7 +86,7 @@ def calibrate_hand_eye(folder: Path) -> HandEye:
             camera on the tool, or frames that do not agree; names the file, the place and the mend.
     """
     shots = read_shots(folder)
-    board, poses_csv = read_board(Path(folder) / "board.json"), Path(folder) / "robot_poses.csv"
+    board, poses_csv = read_board(Path(folder) / BOARD), Path(folder) / "robot_poses.csv"
     frames, unseen = _found(shots, board, read_tool_poses(poses_csv), poses_csv)
     _check_turns(frames, poses_csv)
     camera, held = _closed_form(frames)

@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import Field
 from scipy.spatial.transform import Rotation
 
-from dlolib.calibrate.board import LARGEST_M, dictionary
+from dlolib.calibrate.board import BOARD, LARGEST_M, dictionary, family, read_board
 from dlolib.calibrate.folder import Shots, read_object, read_shots
 from dlolib.calibrate.marker import markers
 from dlolib.calibrate.plane_pose import PlanePose, plane_pose
@@ -113,6 +113,7 @@ def _in_marker(marker: MarkerModel, number: int, path: Path) -> Obstacle:
 def _corners(shots: Shots, model: MarkersModel, path: Path) -> dict[int, Floats]:
     """The corners (frames, 4, 2) [px] of each marker, in the frames where it is found."""
     words = dictionary(model.dictionary, path)
+    _check_board(shots.folder / BOARD, model, path)
     seen: dict[int, list[Floats]] = {marker.id: [] for marker in model.markers}
     others: set[int] = set()
     for row in track(range(len(shots.frame)), "finding the markers", len(shots.frame)):
@@ -125,9 +126,22 @@ def _corners(shots: Shots, model: MarkersModel, path: Path) -> dict[int, Floats]
         if not listed:
             also = f", others are: {', '.join(map(str, sorted(others)))}" if others else ""
             problem = f"marker {number} is in none of the {len(shots.frame)} frames{also}"
-            mend = "check dictionary and id, or record it nearer, sharper and with its white margin"
+            mend = "check dictionary and id, or record it nearer, sharper, with its white margin and but once"
             raise FormatError(problem, file=path, place="markers", mend=mend)
     return {number: np.array(listed) for number, listed in seen.items()}
+
+
+def _check_board(board: Path, model: MarkersModel, path: Path) -> None:
+    """Refuse a marker that the folder's board has, too: nobody knows which of the two is seen."""
+    if not board.is_file():
+        return
+    there = read_board(board)
+    printed = {family(there.model.dictionary): set(there.drawn.getIds().ravel().tolist())}
+    taken = printed.get(family(model.dictionary), set()) & {marker.id for marker in model.markers}
+    if taken:
+        problem = f"marker {min(taken)} is on the board of {board.name}, too"
+        mend = f"print one above {max(printed[family(model.dictionary)])}, or of another dictionary"
+        raise FormatError(problem, file=path, place="markers", mend=mend)
 
 
 def _depth(shots: Shots) -> Floats | None:

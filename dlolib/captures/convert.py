@@ -17,7 +17,7 @@ from dlolib.captures.cloud_folder import read_cloud
 from dlolib.captures.foreign import Foreign, Shot
 from dlolib.captures.lens import PINHOLE
 from dlolib.captures.pictures import check_backgrounds, check_color, check_depth
-from dlolib.captures.plausible import check_inside, check_optics, check_times
+from dlolib.captures.plausible import check_inside, check_optics, check_times, cut_off
 from dlolib.errors import FormatError
 from dlolib.files import whole_folder
 from dlolib.formats import (
@@ -75,20 +75,25 @@ def convert(foreign: Foreign, path: Path, given: Given, out: Path, motion_csv: P
         write_capture_index(_with_backgrounds(index, given), folder)
         if motion_csv is not None:
             shutil.copyfile(motion_csv, folder / "motion.csv")
-        odd = _check_written(folder, path, motion_csv or path)
+        odd = _check_written(folder, path, motion_csv)
     say([*foreign.doubts, *odd])
     return read_capture_index(out)
 
 
-def _check_written(folder: Path, path: Path, motion: Path) -> list[str]:
-    """Read the capture before it appears: what is wrong with it is wrong with the recording; what is odd of
-    the motion, which is in that file."""
+def _check_written(folder: Path, path: Path, motion_csv: Path | None) -> list[str]:
+    """Read the capture before it appears: what is wrong with it is wrong with the recording, or with the
+    table of the motion, of which is said what is odd."""
     try:
         index = read_capture_index(folder)
-        check_times(index)
+        check_times(index, motion_csv or folder / "motion.csv")
         check_optics(index)
-        return [] if index.motion is None else motion_doubts(index.motion, index.t_s, motion)
+        if index.motion is None:
+            return []
+        cut = [] if motion_csv is None else cut_off(motion_csv)
+        return [*cut, *motion_doubts(index.motion, index.t_s, motion_csv or path)]
     except FormatError as error:
+        if motion_csv is not None and error.file == motion_csv:
+            raise
         name = error.file.name if error.file else ""
         place = ", ".join(part for part in (f"as {name}", error.place) if part)
         raise FormatError(error.problem, file=path, place=place, mend=error.mend) from error

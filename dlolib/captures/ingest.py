@@ -40,7 +40,7 @@ def open_capture(folder: Path) -> Source:
     if not (folder / "capture.json").is_file() and not (folder / "frames.csv").is_file():
         _name_the_way(folder)
     index = read_capture_index(folder)
-    _check(index)
+    _check(index, index.folder / "motion.csv")
     return Doubted(_source(index))
 
 
@@ -137,7 +137,8 @@ def _copied(
             problem = "a capture folder has no topics and says itself what was recorded"
             raise ParameterError(problem, place=option, mend="leave it out")
     index = read_capture_index(source, motion_csv)
-    _check(index)
+    table = Path(motion_csv or index.folder / "motion.csv")
+    _check(index, table)
     check_backgrounds(index.background_color, index.background_depth, index.camera)
     for _ in track(_source(index).frames(), "checking frames", len(index.frame)):
         pass
@@ -145,15 +146,16 @@ def _copied(
         for path in _named(index):
             _copy(path, temporary / path.relative_to(index.folder))
         if index.motion is not None:
-            _copy(Path(motion_csv or index.folder / "motion.csv"), temporary / "motion.csv")
-    say(doubts(index))
+            _copy(table, temporary / "motion.csv")
+    say(doubts(index, table))
     return read_capture_index(out)
 
 
-def _check(index: CaptureIndex) -> None:
+def _check(index: CaptureIndex, motion_csv: Path) -> None:
     """What the form alone does not tell: links that lead outside, clocks and optics that cannot be."""
-    check_inside([*_named(index), index.folder / "motion.csv"], index.folder)
-    check_times(index)
+    own = [motion_csv] if motion_csv.parent == index.folder else []  # what was named may be anywhere
+    check_inside([*_named(index), *own], index.folder)
+    check_times(index, motion_csv)
     check_optics(index)
 
 

@@ -49,7 +49,9 @@ class AzureKinect(FramesAlone):
         with _opened(path) as container:
             tracks = _tracks(container, path)
             sizes = {name: (s.codec_context.width, s.codec_context.height) for name, s in tracks.items()}
-            calibration = read_calibration(_attached(container, path), path, sizes["DEPTH"], sizes["COLOR"])
+            calibration = read_calibration(
+                _attached(container, path), path, sizes["DEPTH"], sizes["COLOR"], asked.given.optics
+            )
             stamps = _stamps(container, tracks, path)
         pairs = paired(stamps["DEPTH"], stamps["COLOR"], path)
         width, height = sizes["DEPTH"]

@@ -7,6 +7,7 @@ Microsoft's sensor SDK (MIT): its `calibration.c` and `mode_specific_calibration
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from scipy.spatial import cKDTree
 
 from dlolib.captures.base import Image
 from dlolib.captures.foreign import Units
-from dlolib.captures.lens import Lens
+from dlolib.captures.lens import PINHOLE, Lens
 from dlolib.errors import FormatError
 from dlolib.types import Floats
 
@@ -104,8 +105,12 @@ class Calibration:
         return hidden
 
 
-def read_calibration(data: bytes, path: Path, depth_size: Size, color_size: Size) -> Calibration:
+def read_calibration(
+    data: bytes, path: Path, depth_size: Size, color_size: Size, given: Mapping[str, float]
+) -> Calibration:
     """The calibration for images of these sizes (width, height).
+
+    What a person has given of fx, fy, cx, cy [px] stands in the depth camera's matrix.
 
     Raises:
         FormatError: damaged, an unknown mode, or an unknown lens.
@@ -124,12 +129,21 @@ def read_calibration(data: bytes, path: Path, depth_size: Size, color_size: Size
         models = {camera["Intrinsics"]["ModelType"] for camera in (depth, color)}
         pose = _pose(color) @ np.linalg.inv(_pose(depth))
         lenses = (_lens(depth, *DEPTH_MODES[depth_size]), _lens(color, *COLOR_MODES[color_size]))
-    except (ValueError, LookupError, TypeError, OverflowError, np.linalg.LinAlgError) as error:
+    except (
+        ValueError,
+        LookupError,
+        TypeError,
+        OverflowError,
+        RecursionError,
+        np.linalg.LinAlgError,
+    ) as error:
         problem, mend = "the attached calibration is damaged", "record it again with k4arecorder"
         raise FormatError(problem, file=path, place=place, mend=mend) from error
     if models != {MODEL}:
         mend = "give a recording with Brown and Conrady's lens, as the device stores it"
         raise FormatError(f"unknown lens {sorted(map(str, models))}", file=path, place=place, mend=mend)
+    for name, where in PINHOLE.items():
+        lenses[0].matrix[where] = given.get(name, lenses[0].matrix[where])
     return Calibration(*lenses, pose)
 
 

@@ -41,19 +41,17 @@ def check_inside(paths: Iterable[Path], folder: Path) -> None:
             raise FormatError(problem, file=path, mend="put the file itself there")
 
 
-def check_times(index: CaptureIndex) -> None:
-    """Refuse times that no clock shows, and a motion that shares no time with the frames.
+def check_times(index: CaptureIndex, motion_csv: Path) -> None:
+    """Refuse times that no clock shows, and a motion, from that table, that shares no time with the frames.
 
     Raises:
         FormatError: names the table.
     """
-    motion = index.motion
-    for name, t_s in (("frames.csv", index.t_s), ("motion.csv", None if motion is None else motion.t_s)):
+    motion, frames_csv = index.motion, index.folder / "frames.csv"
+    for table, t_s in ((frames_csv, index.t_s), (motion_csv, None if motion is None else motion.t_s)):
         if t_s is not None and np.abs(t_s).max() > LATEST_S:
             problem = f"a time of {np.abs(t_s).max():.4g} s"
-            raise FormatError(
-                problem, file=index.folder / name, place="column t_s", mend="give seconds; correct that row"
-            )
+            raise FormatError(problem, file=table, place="column t_s", mend="give seconds; correct that row")
     if motion is None or not moves(motion):
         return
     if motion.t_s[0] > index.t_s[-1] or motion.t_s[-1] < index.t_s[0]:
@@ -61,8 +59,7 @@ def check_times(index: CaptureIndex) -> None:
             f"goes from {motion.t_s[0]:.10g} to {motion.t_s[-1]:.10g} s, the frames from "
             f"{index.t_s[0]:.10g} to {index.t_s[-1]:.10g} s: they share no time"
         )
-        file = index.folder / "motion.csv"
-        raise FormatError(problem, file=file, place="column t_s", mend="bring both to one clock")
+        raise FormatError(problem, file=motion_csv, place="column t_s", mend="bring both to one clock")
 
 
 def check_optics(index: CaptureIndex) -> None:
@@ -90,17 +87,22 @@ def _no_optics(index: CaptureIndex, name: str, problem: str) -> FormatError:
     return FormatError(problem, file=file, place=f"camera.{name}", mend=mend)
 
 
-def doubts(index: CaptureIndex) -> list[str]:
+def doubts(index: CaptureIndex, motion_csv: Path) -> list[str]:
     """What may be the trace of a table that was cut off, one line each."""
     found = []
     for paths in (index.color, index.depth, index.cloud):
         found += unnamed(paths or (), index.folder / "frames.csv")
-    table = index.folder / "motion.csv"
-    if table.is_file() and not table.read_bytes().endswith(b"\n"):
-        # the last number may be half of one
-        problem, mend = "does not end with a line break", "check that it is whole"
-        found.append(str(FormatError(problem, file=table, place="last line", mend=mend)))
-    return found + ([] if index.motion is None else motion_doubts(index.motion, index.t_s, table))
+    if index.motion is not None:
+        found += [*cut_off(motion_csv), *motion_doubts(index.motion, index.t_s, motion_csv)]
+    return found
+
+
+def cut_off(table: Path) -> list[str]:
+    """That a table ends within a line: its last number may be half of one."""
+    if table.read_bytes().endswith(b"\n"):
+        return []
+    problem, mend = "does not end with a line break", "check that it is whole"
+    return [str(FormatError(problem, file=table, place="last line", mend=mend))]
 
 
 def unnamed(paths: Iterable[Path], table: Path) -> list[str]:
@@ -144,4 +146,4 @@ class Doubted:
         yield from self.inner.frames()
         if not self.said:
             self.said = True
-            say(doubts(self.index))
+            say(doubts(self.index, self.index.folder / "motion.csv"))

@@ -183,7 +183,7 @@ def _intrinsics(folder: Path) -> tuple[dict[str, Any], dict[str, float]]:
         optics |= {"fx": matrix[0, 0], "fy": matrix[1, 1], "cx": matrix[0, 2], "cy": matrix[1, 2]}
         optics["depth_scale"] = float(content.get("depth_scale", DEPTH_SCALE))
         rate = content.get("fps")
-    except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
         mend = "give width, height and intrinsic_matrix (9 numbers, column by column)"
         raise FormatError("is no camera of Open3D", file=path, mend=mend) from error
     if not np.array_equal(matrix[2], [0, 0, 1]):

@@ -62,9 +62,8 @@ class RosBag:
             lenses, optics = _calibration(bag, topics, asked)
             stamps = _stamps(bag, topics)
             pairs = paired(stamps["depth"], stamps["color"], path)
-            view, motion = _poses(bag, topics, asked)
-            odd = unpaired(stamps["depth"], len(pairs), path, topics["depth"])
-            odd += _other_axes(bag, topics, asked)
+            view, motion, odd = _poses(bag, topics, asked)
+            odd += unpaired(stamps["depth"], len(pairs), path, topics["depth"])
         return cls(path, topics, stamps["depth"], pairs, optics, lenses, view, motion, odd)
 
     @property
@@ -90,7 +89,7 @@ class RosBag:
 
     def _shot(self, t_s: float, depth: Found, color: Found) -> Shot:
         units, picture = ros_images.depth(*depth), ros_images.color(*color)
-        frames = [message.header.frame_id for message, _ in (depth, color)]
+        frames = [message.header.frame_id.lstrip("/") for message, _ in (depth, color)]
         if units.shape != picture.shape[:2] or (all(frames) and frames[0] != frames[1]):
             seen = f"depth is {_size(units)} from {frames[0]!r}, color {_size(picture)} from {frames[1]!r}"
             mend = "name the topic of depth that is registered to color"
@@ -198,7 +197,8 @@ def _calibration(
 def _check_frame(bag: Bag, topics: Mapping[Role, str], asked: Asked, name: str, info: Any) -> None:
     """Refuse another camera's calibration where nothing but that there is no other speaks for it."""
     beside = any(_sibling(topic, [name]) for topic in topics.values())
-    of, images = info.header.frame_id, bag.first(topics["depth"]).header.frame_id
+    own = bag.first(topics["depth"])
+    of, images = (message.header.frame_id.lstrip("/") for message in (info, own))
     if beside or "camera_info" in asked.topics or not (of and images) or of == images:
         return
     problem = f"is of {of!r}, the images are of {images!r}"
@@ -270,11 +270,13 @@ def _stamps(bag: Bag, topics: Mapping[Role, str]) -> dict[str, Floats]:
     return stamps
 
 
-def _poses(bag: Bag, topics: Mapping[Role, str], asked: Asked) -> tuple[Floats | None, Motion | None]:
-    """The camera's pose and the ends' motion, as far as topics are named, in one frame."""
+def _poses(
+    bag: Bag, topics: Mapping[Role, str], asked: Asked
+) -> tuple[Floats | None, Motion | None, list[str]]:
+    """The camera's pose and the ends' motion, as far as topics are named, in one frame, and what is odd."""
     named = {role: asked.topics[role] for role in ("camera_pose", "motion") if role in asked.topics}
+    images = bag.first(topics["depth"]).header.frame_id.lstrip("/")
     if "camera_pose" in named:
-        images = bag.first(topics["depth"]).header.frame_id.lstrip("/")
         other = ros_poses.other_frame(bag, named["camera_pose"], images)
         if other is not None:
             problem = f"the images are of the frame {images!r}, which has other axes"
@@ -291,16 +293,14 @@ def _poses(bag: Bag, topics: Mapping[Role, str], asked: Asked) -> tuple[Floats |
     return (
         None if view is None else one_pose(view.poses, bag.path, named["camera_pose"]),
         None if moved is None else end_motion(moved.t_s, moved.poses, asked.given),
+        [] if view is None else _other_axes(bag, images, named["camera_pose"], view.body),
     )
 
 
-def _other_axes(bag: Bag, topics: Mapping[Role, str], asked: Asked) -> list[str]:
-    """That the camera's pose is a frame's of tf that is not the images' own, which tf does not know."""
-    name = asked.topics.get("camera_pose", "")
-    images = bag.first(topics["depth"]).header.frame_id.lstrip("/")
-    frame = name.partition(":")[2].lstrip("/")
-    if not frame or not images or frame == images:
+def _other_axes(bag: Bag, images: str, name: str, body: str) -> list[str]:
+    """That the camera's pose is one of a frame that is not the images' own."""
+    if not body or not images or body == images:
         return []
-    problem = f"the images are of {images!r}, which tf does not know: its axes are taken to be {frame!r}'s"
+    problem = f"the images are of {images!r}: its axes are taken to be {body!r}'s"
     mend = "check that these are the camera's optical axes (x right, y down, z forward)"
     return [str(FormatError(problem, file=bag.path, place=f"--topic camera_pose={name}", mend=mend))]

@@ -31,11 +31,12 @@ Link = tuple[list[str], Floats]
 
 @dataclass(frozen=True)
 class Logged:
-    """Poses (T, 4, 4) at t_s (T,) [s] in the axes of a frame, whose name is empty where nobody says it."""
+    """Poses (T, 4, 4) at t_s (T,) [s] of a body in the axes of a frame; a name may be empty."""
 
     t_s: Floats
     poses: Floats
     frame: str
+    body: str
 
 
 def choices(bag: Bag) -> list[str]:
@@ -55,7 +56,8 @@ def poses(bag: Bag, name: str, role: str) -> Logged:
     """The poses of a topic, or as `/tf:frame` of a frame in the root of its tree.
 
     Raises:
-        FormatError: no such topic or frame, poses in several frames, or a pose that is none.
+        FormatError: no such topic or frame, poses in several frames or of several bodies, or a pose that is
+            none.
     """
     topic, _, frame = name.partition(":")
     frame = frame.lstrip("/")
@@ -67,14 +69,20 @@ def poses(bag: Bag, name: str, role: str) -> Logged:
         problem = "no such topic" if kind is None else f"is of type {kind}, no pose"
         raise FormatError(problem, file=bag.path, place=place, mend=mend)
     if kind in (POSE, TRANSFORM):
-        rows, frames = [], set()
+        rows, frames, bodies = [], set(), set()
         for _, _, logged, message in bag.messages([topic]):
             rows.append(_row(message, logged))
             frames.add(message.header.frame_id.lstrip("/"))
+            bodies.add(getattr(message, "child_frame_id", "").lstrip("/"))
         if len(frames) > 1:
             problem = f"its poses are in several frames: {', '.join(map(repr, sorted(frames)))}"
             raise FormatError(problem, file=bag.path, place=topic, mend="give them in one")
-        return Logged(*_checked(bag, np.array(rows).reshape(-1, 8), topic), "".join(frames))
+        if len(bodies) > 1:
+            problem = f"its poses are of several bodies: {', '.join(map(repr, sorted(bodies)))}"
+            mend = "record each on a topic of its own, or in tf"
+            raise FormatError(problem, file=bag.path, place=topic, mend=mend)
+        checked = _checked(bag, np.array(rows).reshape(-1, 8), topic)
+        return Logged(*checked, "".join(frames), "".join(bodies))
     links = _links(bag)
     if frame not in links:
         raise FormatError(f"no frame {frame!r}", file=bag.path, place=place, mend=mend)
@@ -131,7 +139,7 @@ def _composed(bag: Bag, links: dict[str, Link], frame: str) -> Logged:
     product = np.tile(np.eye(4), (len(times), 1, 1))
     for own, logged in chain:
         product = _at(own, logged, times) @ product
-    return Logged(times, product, root)
+    return Logged(times, product, root, frame)
 
 
 def _upwards(bag: Bag, links: dict[str, Link], frame: str) -> tuple[list[tuple[Floats, Floats]], str]:

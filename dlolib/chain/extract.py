@@ -10,6 +10,7 @@ import numpy as np
 from dlolib.captures.base import Source
 from dlolib.chain.clock import clocks_apart
 from dlolib.chain.frame import MOST_UNORDERED, FrameChain
+from dlolib.chain.held import off_together
 from dlolib.chain.many import chains_of
 from dlolib.chain.settings import ChainSettings
 from dlolib.chain.uncertainty import noise_of
@@ -114,17 +115,20 @@ def _doubts(chains: Sequence[FrameChain], index: CaptureIndex) -> Iterator[str]:
     Raises:
         ChainError: no frame counts.
     """
-    known = index.rope.length_m
+    known, file = index.rope.length_m, index.folder / "capture.json"
     lost = [chain for chain in chains if not chain.counts]
     astray = list(_astray(chains))
+    if len(lost) == len(chains):
+        astray = [*_far_astray(chains, index), *astray]
     if astray and len(lost) == len(chains):
-        raise ChainError(f"{index.name}: {astray[0]}", place="camera.world_from_camera", mend=POSES)
+        raise ChainError(astray[0], file=file, place="camera.world_from_camera", mend=POSES)
     tangled = [chain for chain in lost if chain.unordered_m > MOST_UNORDERED * known]
     if len(tangled) == len(chains):
-        raise ChainError(f"{index.name}: {_tangled(tangled)}", place="chain", mend=UNTANGLE)
+        raise ChainError(_tangled(tangled), file=index.folder, place="chain", mend=UNTANGLE)
     if len(lost) == len(chains):
         raise ChainError(
-            f"{index.name}: the rope is {known:.3f} m long, and in every frame {_lengths(lost)}",
+            f"the rope is {known:.3f} m long, and in every frame {_lengths(lost)}",
+            file=file,
             place="object.length_m",
             mend="correct it, object.diameter_m, or what is taken for the rope (chain.segmentation)",
         )
@@ -176,6 +180,15 @@ def _astray(chains: Sequence[FrameChain]) -> Iterator[str]:
     for number, end in enumerate(("start", "end")):
         if most[number]:
             yield f"the held {end} is logged {1e3 * off_m[number]:.0f} mm from where the rope is seen"
+
+
+def _far_astray(chains: Sequence[FrameChain], index: CaptureIndex) -> Iterator[str]:
+    """That both held ends are away from the rope by the same in most frames, however far."""
+    if index.ends.start == index.ends.end == "clamped":
+        tips_m, t_s = np.array([chain.tips_m for chain in chains]), np.array([chain.t_s for chain in chains])
+        off_m = off_together(tips_m, t_s, index)
+        if np.isfinite(off_m).mean() > 0.5:
+            yield f"both held ends are logged {1e3 * np.nanmedian(off_m):.0f} mm from where the rope is seen"
 
 
 def _turned(chains: Sequence[FrameChain], index: CaptureIndex) -> Iterator[str]:

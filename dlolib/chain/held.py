@@ -11,7 +11,8 @@ from dlolib.chain.axis import ALONG, STRAIGHT_M
 from dlolib.chain.centre import tangents
 from dlolib.chain.lift import Strand
 from dlolib.chain.view import View
-from dlolib.types import Floats
+from dlolib.formats import interpolate_motion
+from dlolib.types import CaptureIndex, Floats
 
 # Further from a held end the rope tells nothing of it; nearer, the end is where it was logged (in plain view
 # the rope is seen to end within 2 mm of it).
@@ -47,6 +48,23 @@ def astray(
             return float(first), float(last)
     turned = None if end is None else end.turned()
     return _beside(opening, start, view), _beside(closing.turned(), turned, view)
+
+
+def off_together(tips_m: Floats, t_s: Floats, index: CaptureIndex) -> Floats:
+    """How far [m] (F,) both held ends were logged from where what is seen of the rope begins and ends; NaN in
+    frames where they are not off by the same. However far that is, no gap and tail are alike by chance.
+
+    Args:
+        tips_m: where that is in each frame (F, 2, 3), world axes.
+        t_s: the frames' times (F,) [s].
+        index: both ends are held.
+    """
+    assert index.motion is not None
+    poses = interpolate_motion(index.motion, t_s)
+    offsets = tips_m - np.stack([poses.start_m, poses.end_m], axis=1)
+    off = np.linalg.norm(offsets.mean(axis=1), axis=1)
+    apart = np.linalg.norm(offsets[:, 1] - offsets[:, 0], axis=1)
+    return np.where((off > ASTRAY_M) & (apart <= TOGETHER * off), off, np.nan)
 
 
 def turned(

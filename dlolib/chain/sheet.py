@@ -80,7 +80,7 @@ def chain_on_image(color: Image, chain: FrameChain) -> Image:
 
 def _title(chain: FrameChain, index: CaptureIndex) -> tuple[str, dict[str, object]]:
     warning = "" if chain.fitted else f", not the known {index.rope.length_m:.3f} m: check it"
-    title = f"frame {chain.frame}, {chain.t_s:g} s: {chain.measured_m:.3f} m measured{warning}"
+    title = f"frame {chain.frame}, {chain.t_s:.10g} s: {chain.measured_m:.3f} m measured{warning}"
     return title, {"fontsize": 9, "color": "black" if chain.fitted else RED}
 
 

@@ -128,6 +128,11 @@ def moved(folder: Path) -> None:
     cv2.imwrite(str(path), np.roll(cv2.imread(str(path)), 12, axis=1))
 
 
+def beside_a_board(folder: Path) -> None:
+    about = {"type": "charuco", "squares": [7, 5], "square_m": 0.03, "marker_m": 0.022}
+    (folder / "board.json").write_text(json.dumps(about | {"dictionary": "4X4_100"}))
+
+
 def unplaced(folder: Path) -> None:
     path = folder / "capture.json"
     content = json.loads(path.read_text())
@@ -159,6 +164,11 @@ def unplaced(folder: Path) -> None:
         (moved, "marker 3: moves by"),
         (unplaced, "capture.json: camera.world_from_camera: is not given; add it, or calibrate"),
         (lambda f: (f / "markers.json").write_text("{"), "markers.json: is not JSON"),
+        (lambda f: (f / "markers.json").write_text("[" * 200000), "markers.json: is not JSON"),
+        (
+            beside_a_board,
+            "markers.json: markers: marker 3 is on the board of board.json, too; print one",
+        ),
     ],
 )
 def test_what_cannot_be_used_is_named(tmp_path: Path, spoil: Callable[[Path], object], says: str) -> None:

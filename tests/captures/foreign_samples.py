@@ -29,6 +29,7 @@ VIEW = np.array([[1.0, 0, 0, 0.1], [0, 0, 1, -0.7], [0, -1, 0, 0.2], [0, 0, 0, 1
 OPTICS = {"fx": 30.0, "fy": 31.0, "cx": 15.5, "cy": 11.25}
 COLOR, DEPTH = "/camera/color/image_raw", "/camera/aligned_depth_to_color/image_raw"
 INFO, TOOL, TF = "/camera/color/camera_info", "/tcp_pose", "tf2_msgs/msg/TFMessage"
+BODY, EYE = "/mocap", "/camera_pose"
 
 
 @dataclass(frozen=True)
@@ -170,6 +171,8 @@ class Ros:
     info_frame: str = "camera"
     info_topic: str = INFO
     eye: str = "eye"
+    bodies: tuple[str, ...] = ()
+    """Of whom transforms are logged on a topic of their own, in turn, and the camera's on another."""
 
     @property
     def store(self) -> Any:
@@ -219,6 +222,7 @@ class Messages:
 
     def __init__(self, how: Ros) -> None:
         self.how, self.types, self.frames = how, how.store.types, cycle(how.tool_frames)
+        self.bodies = cycle(how.bodies)
 
     def header(self, ns: int, frame: str = "camera") -> Any:
         time = self.types["builtin_interfaces/msg/Time"](sec=ns // 10**9, nanosec=ns % 10**9)
@@ -316,10 +320,9 @@ class Messages:
         """A base 1 m above the world's origin, and the camera in the world."""
         turn = Rotation.from_matrix(VIEW[:3, :3]).as_quat(scalar_first=True)
         base = self.link(ns, self.how.bases_link, "base", np.array([0, 0, 1.0]), np.array([1.0, 0, 0, 0]))
-        return [
-            (ns, "/tf_static", base),
-            (ns, "/tf_static", self.link(ns, "world", self.how.eye, VIEW[:3, 3], turn)),
-        ]
+        eye = self.link(ns, "world", self.how.eye, VIEW[:3, 3], turn)
+        alone = [(ns, EYE, eye.transforms[0])] if self.how.bodies else []
+        return [(ns, "/tf_static", base), (ns, "/tf_static", eye), *alone]
 
     def moved(self, t_s: float, place: NDArray[Any], turn: NDArray[Any]) -> list[tuple[int, str, Any]]:
         """The tool in the world, by topic and as a frame below the base."""
@@ -333,6 +336,9 @@ class Messages:
         )
         below = place - [0, 0, 1.0]
         links = [(ns, "/tf", self.link(ns, parent, "tool", below, turn)) for parent in self.how.tool_links]
+        if self.how.bodies:
+            body = self.link(ns, "world", next(self.bodies), place, turn).transforms[0]
+            links.append((ns, BODY, body))
         return [(ns, TOOL, stamped), *links]
 
 

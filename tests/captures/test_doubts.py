@@ -136,8 +136,46 @@ def test_a_frame_of_tf_that_is_not_the_images(tmp_path: Path, caplog: pytest.Log
     about = foreign.given(tmp_path / "object.json", camera={})
     bag = foreign.bag(tmp_path / "rope.bag", foreign.frames(), foreign.Ros(eye="camera_link"))
     ingest(bag, tmp_path / "out", topics={"camera_pose": "/tf_static:camera_link"}, object_json=about)
-    says = "the images are of 'camera', which tf does not know: its axes are taken to be 'camera_link''s"
+    says = "the images are of 'camera': its axes are taken to be 'camera_link''s"
     assert any(says in line for line in said(caplog))
+
+
+@pytest.mark.parametrize(("eye", "odd"), [("camera_link", True), ("camera", False)])
+def test_a_transform_of_what_is_not_the_images(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, eye: str, odd: bool
+) -> None:
+    about = foreign.given(tmp_path / "object.json", camera={})
+    bag = foreign.bag(tmp_path / "rope.bag", foreign.frames(), foreign.Ros(eye=eye, bodies=("tool",)))
+    ingest(bag, tmp_path / "out", topics={"camera_pose": foreign.EYE}, object_json=about)
+    says = "the images are of 'camera': its axes are taken to be 'camera_link''s"
+    assert any(says in line for line in said(caplog)) == odd
+
+
+def test_what_is_wrong_with_a_named_motion_is_said_of_its_own_file(
+    capture: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    about = foreign.given(tmp_path / "object.json", ends={"start": "clamped", "end": "clamped"})
+    shot = foreign.frames()
+    folder = foreign.redwood(tmp_path / "redwood", shot)
+    own = (read_motion(capture / "motion.csv"), capture, None)
+    others = (foreign.motion(shot), folder, about)
+    for number, (motion, source, described) in enumerate((own, others)):
+        named = foreign.elsewhere(tmp_path, motion)
+        named.write_bytes(named.read_bytes().rstrip(b"\n"))
+        ingest(source, tmp_path / f"out{number}", named, object_json=described)
+        assert f"{named}: last line: does not end with a line break" in said(caplog)[-1]
+        late = replace(
+            motion, t_s=motion.t_s + 100, end_m=motion.end_m - 0.01 * np.arange(len(motion.t_s))[:, None]
+        )
+        write_motion(late, named)
+        with pytest.raises(FormatError, match=rf"{named}: column t_s: .* they share no time"):
+            ingest(source, tmp_path / f"late{number}", named, object_json=described)
+
+
+def test_a_table_that_is_replaced_may_lie_anywhere(capture: Path, tmp_path: Path) -> None:
+    (capture / "motion.csv").rename(tmp_path / "elsewhere.csv")
+    (capture / "motion.csv").symlink_to(tmp_path / "elsewhere.csv")
+    ingest(capture, tmp_path / "out", tmp_path / "elsewhere.csv")
 
 
 def test_images_without_a_number_are_counted(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -32,13 +32,14 @@ def test_kinects(tmp_path: Path, refused: Refusals) -> None:
     path = tmp_path / "source.mkv"
     foreign.given(refused.about)
     nothing = {"ModelParameters": None, "ModelType": None}
-    lens = {"ModelParameters": [0.5] * 14, "ModelType": "CALIBRATION_LensDistortionModelRational6KT"}
+    known = foreign.calibration()["CalibrationInformation"]["Cameras"][0]["Intrinsics"]
+    lens = known | {"ModelType": "CALIBRATION_LensDistortionModelRational6KT"}
     for write, says in (
         (kinect(None), "calibration.json: no calibration is attached"),
         (kinect({}), "calibration.json: the attached calibration is damaged"),
         (kinect(first_camera(Intrinsics={})), "calibration.json: the attached calibration is damaged"),
         (kinect(first_camera(Intrinsics=nothing)), "calibration.json: the attached calibration is damaged"),
-        (kinect(first_camera(Intrinsics=lens)), "calibration.json: the attached calibration is damaged"),
+        (kinect(first_camera(Intrinsics=lens)), "calibration.json: unknown lens ['CALIBRATION_LensDist"),
         (kinect(foreign.calibration(), tracks="INFRA"), "DEPTH: no track DEPTH, found COLOR, INFRA"),
     ):
         write(path)

@@ -185,6 +185,10 @@ REDWOOD: list[tuple[Spoil, str]] = [
     ),
     (intrinsics(fps="fast"), "camera_intrinsic.json: a number in it is none, or not positive"),
     (cut("camera_intrinsic.json"), "camera_intrinsic.json: is no camera of Open3D"),
+    (
+        lambda folder: (folder / "camera_intrinsic.json").write_text("[" * 200000),
+        "camera_intrinsic.json: is no camera of Open3D",
+    ),
     (intrinsics(depth_scale=1.0), "with depth_scale 1; correct camera.depth_scale"),
     (unnumbered, "color: no image with the number of 0000002.png"),
     (late, "source: the nearest color and depth images are 0.3 s apart; bring both to one clock"),
@@ -324,6 +328,12 @@ def test_bags(
             foreign.TOOL,
             "tcp_pose: its poses are in several frames: 'arm', 'leg'",
         ),
+        (
+            {"bodies": ("tool", "helmet")},
+            foreign.BODY,
+            "/mocap: its poses are of several bodies: 'helmet', 'tool'; record each on a topic of its own",
+        ),
+        ({"bodies": ("tool",)}, foreign.BODY, ""),
         ({"tool_frames": ("",)}, foreign.TOOL, ""),
         ({}, foreign.TOOL, ""),
     ],
@@ -337,6 +347,13 @@ def test_poses_in_two_frames(
     source = foreign.bag(tmp_path / "source.bag", shot, Ros(**change), foreign.motion(shot))
     status, line = refused.status(source, "--topic", "camera_pose=/tf:eye", "--topic", f"motion={motion}")
     assert status == (2 if says else 0) and says in line
+
+
+def test_frames_that_differ_by_a_slash_are_the_same(tmp_path: Path, refused: Refusals) -> None:
+    foreign.given(refused.about)
+    how = Ros(depth_frame="/camera", info_frame="/camera", info_topic="/elsewhere/camera_info")
+    bag = foreign.bag(tmp_path / "source.bag", foreign.frames(), how)
+    assert refused.status(bag)[0] == 0
 
 
 def test_a_motion_in_millimetres(tmp_path: Path, refused: Refusals) -> None:

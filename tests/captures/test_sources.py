@@ -89,6 +89,23 @@ def test_an_azure_kinect_gives_the_same_capture(tmp_path: Path) -> None:
     assert [found.fx, found.fy, found.cx, found.cy] == pytest.approx(list(foreign.KINECT.values()), abs=1e-9)
 
 
+def test_optics_that_are_given_of_an_azure_kinect_are_those_of_its_images(tmp_path: Path) -> None:
+    """Colour is found through them, and a capture's points are where the camera so described saw them."""
+    shot = foreign.frames(1, foreign.KINECT_WIDTH, foreign.KINECT_HEIGHT)
+    calibration = foreign.calibration()
+    calibration["CalibrationInformation"]["Cameras"][0]["Intrinsics"]["ModelParameters"][4] = -0.3
+    source = foreign.kinect(tmp_path / "source.mkv", shot, calibration)
+    for name, camera in (("plain", {}), ("given", {"fx": 230.0, "cx": 150.0})):
+        view = {"world_from_camera": foreign.VIEW.tolist()}
+        foreign.given(tmp_path / "object.json", camera=view | camera)
+        ingest(source, tmp_path / name, object_json=tmp_path / "object.json")
+    plain, given = (open_capture(tmp_path / name) for name in ("plain", "given"))
+    assert (given.index.camera.fx, given.index.camera.cx) == (230.0, 150.0)
+    assert given.index.camera.fy == plain.index.camera.fy
+    depths = [next(iter(source.frames())).depth_m for source in (plain, given)]
+    assert not np.array_equal(*depths)  # straightened about another centre
+
+
 def test_an_azure_kinect_s_usual_jpegs_are_read(tmp_path: Path) -> None:
     shot = foreign.frames(2, foreign.KINECT_WIDTH, foreign.KINECT_HEIGHT)
     smooth = np.full_like(shot.color, (200, 60, 20))

@@ -106,7 +106,7 @@ def test_a_frame_in_which_the_rope_has_not_its_length_is_said_and_left_out(
 def test_a_rope_that_never_has_its_length_is_refused(tmp_path: Path) -> None:
     write_capture(tmp_path / "held", [wave(0.6)], Scene(noisy=False))
     index = of_length(open_capture(tmp_path / "held").index, 1.2)
-    with pytest.raises(ChainError, match="tube: the rope is 0.534 m .* in every frame 0.445 m were") as told:
+    with pytest.raises(ChainError, match="the rope is 0.534 m .* in every frame 0.445 m were") as told:
         extract_chain(ImageFolder(index))
     assert told.value.place == "object.length_m"
 

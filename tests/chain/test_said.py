@@ -114,10 +114,25 @@ def test_a_wrong_pose_of_the_camera_is_said_and_not_blamed_on_the_length(
         said = str(error)
         assert error.place == "camera.world_from_camera"
     off = round(1e3 * float(np.linalg.norm(by_m)))
-    assert re.search(rf"tube: the held (start|end) is logged ({off - 1}|{off}|{off + 1}) mm from where", said)
+    held = "(the held (start|end) is|both held ends are)"
+    assert re.search(rf"{held} logged ({off - 1}|{off}|{off + 1}) mm from where", said)
     assert (
         "check camera.world_from_camera, motion.csv and its clock" in said and "object.length_m" not in said
     )
+
+
+@pytest.mark.parametrize("by_m", [(0.08, 0.0, 0.0), (0.0, 0.0, -0.15), (0.0, 0.3, 0.0)])
+def test_a_pose_of_the_camera_that_is_far_off_is_not_blamed_on_the_length(
+    by_m: tuple[float, float, float], tmp_path: Path
+) -> None:
+    write_capture(tmp_path / "held", [wave(0.5), wave(0.6)], Scene())
+    index = seen_from_elsewhere(open_capture(tmp_path / "held").index, by_m)
+    with pytest.raises(ChainError, match="both held ends are logged") as refused:
+        extract_chain(ImageFolder(index))
+    assert refused.value.place == "camera.world_from_camera"
+    told = re.search(r"logged (\d+) mm", refused.value.problem)
+    assert told and int(told[1]) == pytest.approx(1e3 * float(np.linalg.norm(by_m)), abs=3)
+    assert str(refused.value).startswith(str(tmp_path / "held/capture.json"))
 
 
 def test_a_gripper_that_hides_the_rope_beside_its_clamp_is_no_wrong_pose(
