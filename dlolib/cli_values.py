@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 from dlolib.errors import ParameterError
 from dlolib.types import PER_DENSITY, Estimate, Fit, Rope
@@ -121,7 +121,7 @@ def rope_values(rope: Rope, name: str, fit: Fit | None, values: Mapping[str, flo
         ParameterError: no bending stiffness, or one in N m^2 for a rope of unknown density.
     """
     if "linear_density" in values:
-        rope = replace(rope, linear_density_kg_m=values["linear_density"])
+        rope = _of_density(rope, values["linear_density"])
     _say_another(rope, name, None if fit is None else fit.rope)
     parameters: dict[str, float] = {}
     for key, estimate in _stored(fit, name):
@@ -145,6 +145,23 @@ def rope_values(rope: Rope, name: str, fit: Fit | None, values: Mapping[str, flo
     parameters.setdefault("torsional_stiffness", parameters["bending_stiffness"])
     check_places(rope, parameters)
     return RopeValues(rope, parameters)
+
+
+def _of_density(rope: Rope, density_kg_m: float) -> Rope:
+    """The rope with another density, which a file could say of it, too."""
+    from pydantic import ValidationError
+
+    from dlolib.formats._schema import RopeModel
+
+    changed = replace(rope, linear_density_kg_m=density_kg_m)
+    try:
+        RopeModel.model_validate(asdict(changed))
+    except ValidationError as error:
+        problem = error.errors(include_url=False)[0]["msg"].removeprefix("Value error, ")
+        problem, _, mend = problem.partition(": ")
+        place = f"--set linear_density={density_kg_m:g}"
+        raise ParameterError(problem, place=place, mend=mend or "give kg/m") from error
+    return changed
 
 
 def _say_another(rope: Rope, name: str, stored: Rope | None) -> None:

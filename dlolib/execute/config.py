@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from dlolib.errors import FormatError
 from dlolib.execute.limits import BOX, IDENTITY, Joints, Limits, Matrix, Point, RobotConfig
 from dlolib.execute.robots import ROBOTS
+from dlolib.formats import say
 
 LARGEST_M = 50.0
 RIGID = 1e-3
@@ -74,12 +75,14 @@ class _RobotModel(_Border):
 
 
 def read_robot(file: Path | None) -> RobotConfig:
-    """Read robot.json; None gives the defaults.
+    """Read robot.json; None gives the defaults, which is said: they are of no arm in particular.
 
     Raises:
         FormatError: names file, key and mend.
     """
     if file is None:
+        where = "the world of the recordings is taken for the robot's base frame, the grasp for its tool"
+        say([f"without --robot {where}; give robot.json (base_from_world, tool_from_grasp) if they are not"])
         return RobotConfig()
     path = Path(file)
     if not path.is_file():

@@ -126,7 +126,7 @@ def _check_held(trajectory: Motion, layout: Layout) -> None:
         raise ParameterError(
             "an end is free and the trajectory holds it", place=f"{layout.name}, ends", mend=mend
         )
-    row, mend = "trajectory.csv, row 1", "give its own layout"
+    row, mend = "the trajectory, row 1", "give its own layout"
     for end, pose, place_m, quaternion in (
         ("start", layout.start, trajectory.start_m[0], trajectory.start_q[0]),
         ("grasp", layout.grasp, trajectory.end_m[0], trajectory.end_q[0]),

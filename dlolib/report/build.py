@@ -53,6 +53,10 @@ def build_report(
     if not results.is_dir():
         problem = "is a file" if results.is_file() else "no such folder"
         raise DloError(problem, file=results, mend="name the folder with the stages' results")
+    for name in ("recording.json", "capture.json", "layout.json"):
+        if (results / name).is_file():
+            problem = f"is a {name.removesuffix('.json')}, no results"
+            raise DloError(problem, file=results, mend="name the folder with the stages' results")
     _check_place(out)
     beside = Path(os.path.normpath(results / ".." / "data"))
     source = Results(results, beside if data is None else Path(data), has_truth, parameters)

@@ -30,6 +30,20 @@ def test_given_values_stand_over_the_fit() -> None:
     }
 
 
+@pytest.mark.parametrize(
+    ("density", "says"),
+    [
+        (40.0, "8e.05 kg/m³, more than any material has; g/m are"),
+        (-1.0, "greater than 0"),
+    ],
+)
+def test_a_given_density_is_one_that_a_file_may_say(density: float, says: str) -> None:
+    given = {"bending_stiffness": 1e-3, "linear_density": density}
+    with pytest.raises(ParameterError, match=says) as refused:
+        rope_values(WEIGHED, "one", None, given)
+    assert str(refused.value).startswith(f"--set linear_density={density:g}: ")
+
+
 def test_nuisances_belong_to_their_recording() -> None:
     known = rope_values(WEIGHED, "another", fit(bending_stiffness=3e-4), {})
     assert known.parameters == {"bending_stiffness": 3e-4, "torsional_stiffness": 3e-4}

@@ -191,6 +191,24 @@ def test_what_the_parameters_name_no_more_is_not_reported(results: Path, tmp_pat
     assert content["headline"]["ei_n_m2"] is None and content["headline"]["residual_m"] is None
 
 
+@pytest.mark.usefixtures("undrawn")
+def test_what_was_not_captured_is_named_on_the_first_page(results: Path, tmp_path: Path) -> None:
+    for stage in ("identify", "diagnose"):
+        shutil.rmtree(results / stage / "captured", ignore_errors=True)
+    for stage in ("chain", "learn", "execute"):
+        shutil.rmtree(results / stage, ignore_errors=True)
+    content = collect(Results(results, tmp_path / "data"), tmp_path / "figures")
+    said = json.dumps(content["sections"][0])
+    assert "Nothing was captured here; what follows is of " in said and "No stage" not in said
+
+
+@pytest.mark.parametrize("name", ["recording.json", "capture.json"])
+def test_a_recording_is_no_results(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).touch()
+    with pytest.raises(DloError, match=rf"is a {name[:-5]}, no results; name the folder"):
+        build_report(tmp_path, tmp_path / "out")
+
+
 def test_missing_folder_is_refused(tmp_path: Path) -> None:
     with pytest.raises(DloError, match="no such folder"):
         build_report(tmp_path / "nothing", tmp_path / "out")

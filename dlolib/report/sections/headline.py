@@ -51,6 +51,8 @@ def _summary(results: Results) -> str:
             f"{'all' if free == len(learned) else free} of them keep clear of the obstacles in the rod's "
             "simulation."
         )
+    if not texts and (others := sorted({*results.recordings, *results.diagnosed})):
+        texts.append(f"Nothing was captured here; what follows is of {listed(others)}.")
     return " ".join(texts) or "No stage has left results yet."
 
 
