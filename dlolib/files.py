@@ -62,5 +62,6 @@ def write_csv(path: Path, table: pd.DataFrame, digits: int = 9) -> None:
     """
     if CLOCK in table and table[CLOCK].abs().max() >= 10.0 ** (digits - 6):
         table = table.assign(**{CLOCK: [repr(float(time)) for time in table[CLOCK]]})
-    with whole_file(path) as temporary:
-        table.to_csv(temporary, index=False, float_format=f"%.{digits}g", lineterminator="\n")
+    # opened here: pandas takes a ~ in a path for somebody's home
+    with whole_file(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+        table.to_csv(file, index=False, float_format=f"%.{digits}g", lineterminator="\n")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, TypeVar, get_args
@@ -86,16 +86,21 @@ def checked(model: type[Model], content: dict[str, Any], path: Path) -> Model:
 
 
 def _misspelt(
-    model: type[BaseModel], content: Mapping[str, Any], path: Path, above: str
+    model: type[BaseModel], content: Mapping[str, Any], path: Path, above: str, outer: Container[str] = ()
 ) -> Iterator[FormatError]:
-    """The keys that a file's format does not name, but for one that is much alike and not given."""
+    """The keys that a file's format does not name, but for one that is much alike and not given, or that
+    belongs outside of the block that it is in (among `outer`)."""
     fields = model.model_fields
     absent = [name for name in fields if name not in content]
     for key, value in content.items():
         if key in fields:
             for kind in (fields[key].annotation, *get_args(fields[key].annotation)):
                 if isinstance(value, dict) and isinstance(kind, type) and issubclass(kind, BaseModel):
-                    yield from _misspelt(kind, value, path, f"{above}{key}.")
+                    yield from _misspelt(kind, value, path, f"{above}{key}.", fields)
+            continue
+        if key in outer:
+            mend = f"put it beside {above.split('.')[-2]}, if it is meant"
+            yield FormatError("is not read here", file=path, place=f"{above}{key}", mend=mend)
             continue
         begun = [name for name in absent if name.startswith(f"{key}_")]
         alike = begun or get_close_matches(key, absent, n=1, cutoff=ALIKE)

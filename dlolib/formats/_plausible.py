@@ -10,12 +10,13 @@ import numpy as np
 from dlolib.errors import FormatError
 from dlolib.formats._schema import MILLIMETRES
 from dlolib.formats.geometry import signed_distance
-from dlolib.types import Ends, Floats, Ints, Motion, Obstacle, Rope
+from dlolib.types import Ends, Floats, Ints, Motion, Obstacle, Points, Rope
 
 # A rope of length L fits in a sphere of radius L about any of its points. Lengths are often measured
 # a few per cent short, hence the slack; a factor of a thousand is far beyond the second bound.
 SLACK = 1.25
-MUCH = 20.0
+MUCH, OF_MILLIMETRES = 20.0, 150.0
+CENTIMETRES = "looks like centimetres; divide by 100"
 
 
 def check_ends(motion: Motion, ends: Ends, rope: Rope, path: Path) -> None:
@@ -105,6 +106,17 @@ def check_places(frame: Ints, s_m: Floats, xyz_m: Floats, rope: Rope, path: Path
         raise _too_far(problem, away[worst], rope, path, f"line {lines[worst]}")
 
 
+def check_extent(points: Points, motion: Motion, rope: Rope, path: Path) -> None:
+    """Refuse a rope that is many times as long as all that was seen of it, held ends included, is wide."""
+    places = np.concatenate([points.xyz_m, motion.start_m, motion.end_m])
+    wide_m = float(np.linalg.norm(np.nanmax(places, axis=0) - np.nanmin(places, axis=0)))
+    seen_m = max(wide_m, float(points.s_m.max()))
+    if rope.length_m > MUCH * seen_m:
+        problem = f"{rope.length_m:g} m, and all that was seen of it is within {seen_m:.3g} m"
+        mend = "correct it; give metres"
+        raise FormatError(problem, file=path, place="object.length_m", mend=mend)
+
+
 def check_meeting(held_m: Floats, s_m: Floats, xyz_m: Floats, rope: Rope, path: Path) -> None:
     """Refuse a motion whose held end (P, 3) is not near the points (P, 3) observed at the same time."""
     away = np.linalg.norm(held_m - xyz_m, axis=1)
@@ -117,6 +129,8 @@ def check_meeting(held_m: Floats, s_m: Floats, xyz_m: Floats, rope: Rope, path: 
 
 
 def _too_far(problem: str, distance: float, rope: Rope, path: Path, place: str | None) -> FormatError:
-    far = distance > MUCH * rope.length_m
-    mend = MILLIMETRES if far else "correct the positions or length_m"
+    many = distance / rope.length_m
+    mend = "correct the positions or length_m"
+    if many > MUCH:
+        mend = MILLIMETRES if many > OF_MILLIMETRES else CENTIMETRES
     return FormatError(f"{problem}, on a rope of {rope.length_m:g} m", file=path, place=place, mend=mend)

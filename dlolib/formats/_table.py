@@ -88,9 +88,9 @@ def check_rising(table: Table, column: str) -> Floats:
     if bad.size:
         row = int(bad[0]) + 1
         if values[row] == values[row - 1]:
-            problem = f"the same {column} = {values[row]:g} as in line {table.lines[row - 1]}"
+            problem = f"the same {column} = {values[row]:.12g} as in line {table.lines[row - 1]}"
             raise table.refusal(row, column, f"two rows with {problem}", "remove one of them")
-        problem = f"{column} falls from {values[row - 1]:g} to {values[row]:g}"
+        problem = f"{column} falls from {values[row - 1]:.12g} to {values[row]:.12g}"
         raise table.refusal(row, column, problem, f"sort the rows by {column}")
     return values
 

@@ -12,15 +12,25 @@ from pydantic import Field
 from dlolib.errors import FormatError
 from dlolib.files import whole_folder, write_csv, write_json
 from dlolib.formats._json import checked, read_json
-from dlolib.formats._plausible import check_clear, check_ends, check_meeting, check_places, check_ranges
-from dlolib.formats._schema import FrameRange, Scene, Strict, scene_json
+from dlolib.formats._plausible import (
+    check_clear,
+    check_ends,
+    check_extent,
+    check_meeting,
+    check_places,
+    check_ranges,
+)
+from dlolib.formats._schema import MILLIMETRES, FrameRange, Scene, Strict, scene_json
 from dlolib.formats._table import Table, check_whole, read_table
+from dlolib.formats.doubts import moves
 from dlolib.formats.motion import interpolate_motion, read_motion, write_motion
 from dlolib.types import Floats, Ints, Motion, Noise, Points, Recording, Rope
 
 FORM = "dlo-recording/1"
 # A tenth of a micrometre, squared: no camera knows a point better.
 LEAST_VARIANCE_M2 = 1e-14
+# Points that are off by this share of the rope's length tell nothing of it.
+NOISIEST = 0.05
 COVARIANCES = ("cxx_m2", "cxy_m2", "cxz_m2", "cyy_m2", "cyz_m2", "czz_m2")
 # What goes together over more points or frames than this is an offset, and no noise.
 LONGEST = 1000.0
@@ -71,6 +81,8 @@ def read_recording(folder: Path) -> Recording:
     check_clear(motion, model.parsed_obstacles(), folder / "motion.csv")
     points = _read_points(folder / "points.csv", rope, model.planar)
     _check_against_motion(points, motion, rope, folder / "motion.csv")
+    check_extent(points, motion, rope, path)
+    _check_noise(model, points, rope, path)
     check_ranges(model.static_frames, model.heldout_frames, points.frame, "points.csv", path)
     return Recording(
         name=model.name or folder.resolve().name,
@@ -214,9 +226,24 @@ def _covariance(table: Table, order: Ints, planar: str | None) -> Floats | None:
     return covariance[order]
 
 
+def _check_noise(model: RecordingModel, points: Points, rope: Rope, path: Path) -> None:
+    """Refuse points that are said to lie anywhere along the rope."""
+    given = {"position_noise_m": model.position_noise_m or 0.0}
+    if model.noise is not None:
+        given["noise.sigma_m"] = model.noise.sigma_m
+    if points.covariance_m2 is not None:
+        variance = float(np.median(np.trace(points.covariance_m2, axis1=1, axis2=2)))
+        given["covariances of points.csv"] = float(np.sqrt(variance))
+    for key, sigma_m in given.items():
+        if sigma_m > NOISIEST * rope.length_m:
+            problem = f"a deviation of {sigma_m:.3g} m, of points on a rope of {rope.length_m:g} m"
+            raise FormatError(problem, file=path, place=key, mend=MILLIMETRES)
+
+
 def _check_against_motion(points: Points, motion: Motion, rope: Rope, path: Path) -> None:
     first, last = motion.t_s[0], motion.t_s[-1]
-    if len(motion.t_s) > 1 and (points.t_s[0] > last or points.t_s[-1] < first):
+    # ends that never move fit every clock
+    if moves(motion) and (points.t_s[0] > last or points.t_s[-1] < first):
         frames = f"the frames {points.t_s[0]:.12g} to {points.t_s[-1]:.12g}"
         problem = f"covers t_s {first:.12g} to {last:.12g}, {frames}"
         raise FormatError(problem, file=path, mend="bring both to one clock, in seconds")

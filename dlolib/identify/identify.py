@@ -29,8 +29,8 @@ LOG = logging.getLogger(__name__)
 # EI over linear density where the search begins [m^4/s^2]: a decade either side is tried as well.
 FIRST_STIFFNESS_M4_S2 = (1e-3, 1e-2, 1e-1)
 START_FACTORS = (1.0, 0.1, 10.0)
-# The mesh of the discretisation correction, so many times as fine.
-FINER = 4
+# The mesh of the discretisation correction, so many times as fine; no rope needs more particles than this.
+FINER, MOST_PARTICLES = 4, 2000
 # A value this near to its bound, in what counts as a change of one, is at it.
 AT_BOUND = 1e-3
 
@@ -88,8 +88,18 @@ class Mesh(Protocol):
 
 
 def particles_for(length_m: float, settings: Mesh) -> int:
-    """n for a rope of this length: no segment is longer than `longest_segment_m`."""
-    return max(settings.particles, int(np.ceil(length_m / settings.longest_segment_m)) + 1)
+    """n for a rope of this length: no segment is longer than `longest_segment_m`.
+
+    Raises:
+        ParameterError: they are more than any rope needs.
+    """
+    count = int(np.ceil(length_m / settings.longest_segment_m)) + 1
+    if count > MOST_PARTICLES:
+        segments = f"segments of {settings.longest_segment_m:g} m"
+        problem = f"a rope of {length_m:g} m in {segments} has {count} particles"
+        mend = f"give metres, at least {length_m / MOST_PARTICLES:.2g}; check the rope's length"
+        raise ParameterError(problem, place="rod.longest_segment_m", mend=mend)
+    return max(settings.particles, count)
 
 
 def identify(

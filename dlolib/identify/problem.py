@@ -132,7 +132,7 @@ def check_one_object(recordings: Sequence[Recording]) -> None:
         raise ParameterError(
             f"how the ends are rolled is known in {told[False]} and not in {told[True]}",
             place="recording.json",
-            mend="give them apart, or set ends.roll_known to false in all of them",
+            mend='give them apart, or set "roll_known": {"start": false} in all of them',
         )
 
 

@@ -32,6 +32,8 @@ SHOWN_FRAMES, SHOWN_MODELS = 6, 10
 # Letters of a model's name in a line, and what a line and the gap to the next model take [mm].
 NAME_LETTERS, LINE_MM, GAP_MM = 44, 3.0, 2.0
 DPI = 200
+# A gain in χ² that is none.
+LEAST_GAIN = 1e-3
 # The best model, too, has a bar, though BIC has it no worse than itself.
 SHORTEST_BAR = 0.1
 BLACK_BOX = "a residual that names nothing"
@@ -99,10 +101,12 @@ def scan_figure(scan: pd.DataFrame, recording: str) -> Canvas:
     figure = canvas(62)
     axes = figure.subplots()
     axes.grid(False)
-    top = max(float(best.to_numpy().max()), 10 * threshold)
+    # where nothing is free to move nothing gains, and no threshold was to be found
+    least = max(threshold, LEAST_GAIN)
+    top = max(float(best.to_numpy().max()), 10 * least)
     drawn = axes.pcolormesh(
-        best.columns, 1e3 * best.index, np.where(best > threshold, best, np.nan), cmap="inferno_r",
-        norm=LogNorm(threshold, top), shading="nearest", rasterized=True,
+        best.columns, 1e3 * best.index, np.where(best > least, best, np.nan), cmap="inferno_r",
+        norm=LogNorm(least, top), shading="nearest", rasterized=True,
     )  # fmt: skip
     axes.set(xlabel="frame", ylabel="arc length [mm]")
     figure.colorbar(drawn, ax=axes, label="gain in χ² of the best local probe")

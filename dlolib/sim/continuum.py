@@ -15,7 +15,6 @@ import numpy as np
 from dlolib.errors import SimulationError
 from dlolib.sim.begun import motion_model
 from dlolib.sim.effects import parameter
-from dlolib.sim.effects.base import Setup
 from dlolib.sim.poses import Model
 from dlolib.sim.recording import RecordingModel
 from dlolib.sim.rod import Rod
@@ -33,6 +32,8 @@ STANDS, MOST_CORRECTIONS = 1e-5, 6
 ELSEWHERE, USUAL = 0.02, 29
 # By this share of its length a rope that cannot stretch is held too long before it is said.
 TOO_LONG = 0.003
+# What moves no point by so much does nothing.
+IDLE_M = 1e-6
 # What may make a rope as long as its ends are apart.
 LENGTHENING = ("axial_stretch", "length_error", "grasp_slip")
 # How the source of simulated points begins.
@@ -144,12 +145,20 @@ def _say_idle(model: RecordingModel, rod: Rod) -> None:
         held_at = {parameter(part).end for part in own if rod.effects[part] != parameter(part).neutral} - {""}
         if "free" in {getattr(ends, end) for end in held_at}:
             LOG.warning("warning: %s: %s is of an end that nobody holds", name, effect)
-        elif _alike(model.setup(rod), model.setup(without)):
+        elif _moves(model, rod, without) < IDLE_M:
             LOG.warning("warning: %s: %s does nothing here", name, effect)
 
 
-def _alike(one: Setup, other: Setup) -> bool:
-    return one.moves_as(other) and one.camera == other.camera
+def _moves(model: RecordingModel, rod: Rod, without: Rod) -> float:
+    """How far [m] an effect moves any point at most."""
+    one, other = model.setup(rod), model.setup(without)
+    if one.moves_as(other) and one.camera == other.camera:
+        return 0.0
+    try:
+        apart = model.predict(rod).xyz_m - model.predict(without).xyz_m
+    except SimulationError:
+        return np.inf  # without it there is no such rope
+    return float(np.linalg.norm(apart, axis=1).max())
 
 
 __all__ = ["MOST_CORRECTIONS", "mesh_error", "refined", "simulated", "stands"]

@@ -259,9 +259,17 @@ class RecordingModel:
         return self.respond(rod, [sides_of(self, rod, name) for name in parameters])
 
     def respond(self, rod: Rod, sides: Sequence[Sides]) -> Prediction:
-        """The same with derivatives by whatever tells each two set-ups from the rod's own."""
+        """The same with derivatives by whatever tells each two set-ups from the rod's own.
+
+        Raises:
+            SimulationError: names the recording.
+        """
         made = self.setup(rod)
-        return self._following(made, lambda model: model._responding(made, sides))
+        try:
+            return self._following(made, lambda model: model._responding(made, sides))
+        except SimulationError as error:
+            place = error.place or self.recording.name
+            raise SimulationError(error.problem, file=error.file, place=place, mend=error.mend) from error
 
     def _responding(self, made: Setup, sides: Sequence[Sides]) -> Prediction:
         rest = self._at_rest(made)

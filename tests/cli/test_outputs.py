@@ -21,6 +21,13 @@ def _files(folder: Path) -> list[str]:
     return sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
 
 
+def test_a_tilde_that_no_shell_expanded_is_a_letter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    samples.recording_folder(tmp_path / "rec")
+    monkeypatch.chdir(tmp_path)
+    assert run(["simulate", "rec", *VALUES, "--out", "~/made"]) == 0
+    assert (tmp_path / "~/made/points.csv").is_file()
+
+
 @pytest.mark.parametrize(
     "out", ["", ".", "..", "../work", "rec", "data", "link", "file", "file/below", "mine"]
 )

@@ -121,6 +121,21 @@ def refused(folder: Path, name: str) -> str:
         ("object.diameter_m", 1e-300, "of diameter_m = 1e-300 is inf kg/m³, more than any material has"),
         ("object.linear_density_kg_m", -1, "object.linear_density_kg_m: Input should be greater than 0"),
         ("object.linear_density_kg_m", 40, "8e+05 kg/m³, more than any material has: g/m are to be divided"),
+        (
+            "object.length_m",
+            44.5,
+            "object.length_m: 44.5 m, and all that was seen of it is within 0.445 m; correct it",
+        ),
+        (
+            "position_noise_m",
+            1.5,
+            "position_noise_m: a deviation of 1.5 m, of points on a rope of 0.445 m; looks",
+        ),
+        (
+            "noise",
+            {"sigma_m": 1.5, "correlation_points": 1.0, "correlation_frames": 1.0},
+            "noise.sigma_m: a deviation of 1.5 m",
+        ),
         ("gravity_m_s2", [0, -9.81], "gravity_m_s2"),
         ("gravity_m_s2", [0, 0, -9810], "looks like millimetres"),
         ("ends.end", "glued", "ends.end: Input should be 'clamped' or 'free', got 'glued'"),
@@ -159,6 +174,7 @@ def test_a_bad_key_is_named(tmp_path: Path, key: str, value: Any, says: str) -> 
         (5, "s_m", "-0.1", "s_m = -0.1 is outside the rope"),
         (5, "z_m", "-3", "on a rope of 0.445 m; correct the positions or length_m"),
         (5, "z_m", "-300", "looks like millimetres; divide by 1000"),
+        (5, "z_m", "-30", "looks like centimetres; divide by 100"),
         (5, "frame", "0.5", "0.5 is no frame number; count from 0 in whole numbers"),
         (5, "t_s", "0.5", "line 5, column t_s: frame 0 has the times 0 and 0.5; give a frame one time"),
         (5, "frame", "2", "line 5, column t_s: frames 0 and 2 have one time, t_s = 0"),
@@ -196,6 +212,11 @@ def test_a_point_that_is_known_exactly_is_named(tmp_path: Path) -> None:
     [
         ("quasistatic", False, "quasistatic: is not read; write quasi_static, if it is meant"),
         ("object.diameter", 0.008, "object.diameter: is not read; write diameter_m, if it is meant"),
+        (
+            "ends.roll_known",
+            {"end": False},
+            "ends.roll_known: is not read here; put it beside ends, if it is meant",
+        ),
         ("gravity", [0, 0, -1], None),
         ("operator", "A. N. Other", None),
     ],
@@ -280,6 +301,31 @@ def test_two_clocks_are_seen(tmp_path: Path) -> None:
     for line in range(2, 7):
         samples.set_cell(path, line, "t_s", str(1.7e9 + line))
     assert "bring both to one clock" in refused(folder, "motion.csv")
+
+
+def test_ends_that_never_move_fit_every_clock(tmp_path: Path) -> None:
+    made = samples.recording()
+    still = dataclasses.replace(
+        made.motion,
+        t_s=made.motion.t_s + 1.7e9,
+        **{name: getattr(made.motion, name)[[0] * 5] for name in ("start_m", "start_q", "end_m", "end_q")},
+    )
+    write_recording(dataclasses.replace(made, motion=still), tmp_path / "r")
+    assert read_recording(tmp_path / "r").motion.t_s[0] == 1.7e9
+
+
+def test_covariances_in_square_millimetres_are_seen(tmp_path: Path) -> None:
+    made = samples.recording()
+    points = dataclasses.replace(made.points, covariance_m2=np.tile(np.eye(3), (len(made.points.s_m), 1, 1)))
+    write_recording(dataclasses.replace(made, points=points), tmp_path / "r")
+    assert "covariances of points.csv: a deviation of 1.73 m" in refused(tmp_path / "r", "recording.json")
+
+
+def test_times_from_1970_are_told_apart_in_a_refusal(tmp_path: Path) -> None:
+    folder = samples.recording_folder(tmp_path / "r")
+    for line, t_s in zip(range(2, 7), (0.0, 0.5, 0.25, 1.0, 1.5), strict=True):
+        samples.set_cell(folder / "motion.csv", line, "t_s", repr(1.7e9 + t_s))
+    assert "t_s falls from 1700000000.5 to 1700000000.25" in refused(folder, "motion.csv")
 
 
 def test_nothing_half_written(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from sim.ropes import EI, ROPE
 from sim.test_recording import recording
 
 from dlolib.errors import ParameterError, SimulationError
-from dlolib.identify import IdentifySettings, identify
+from dlolib.identify import IdentifySettings, identify, particles_for
 from dlolib.sim.continuum import simulated
 from dlolib.sim.rod import Rod
 from dlolib.types import Estimate, Recording
@@ -30,13 +30,20 @@ def test_recordings_of_one_name() -> None:
         identify([recording(), recording()], SETTINGS)
 
 
+def test_segments_in_micrometres() -> None:
+    with pytest.raises(ParameterError, match="a rope of 0.445 m in segments of 1e-05 m has 44501 particles"):
+        particles_for(0.445, replace(SETTINGS, longest_segment_m=1e-5))
+
+
 def test_recordings_of_known_and_of_unknown_roll() -> None:
     """One number would stand for the roll of all."""
     one = recording()
     other = replace(one, name="other", ends=replace(one.ends, start_roll_known=False))
     with pytest.raises(ParameterError, match="rolled is known in made and not in other") as refused:
         identify([one, other], SETTINGS)
-    assert refused.value.place == "recording.json" and "ends.roll_known" in str(refused.value.mend)
+    assert refused.value.place == "recording.json" and '"roll_known": {"start": false}' in str(
+        refused.value.mend
+    )
 
 
 def test_a_rope_that_nothing_loads() -> None:

@@ -15,6 +15,7 @@ import pytest
 from report.synthetic import LAYOUTS, blocks_of
 
 from dlolib.report import build_report
+from dlolib.report.diagnosis import scan_figure
 from dlolib.report.shapes import shapes_figure
 
 REQUESTS = ("src", "href", "srcset", "data", "action", "poster", "background", "xlink:href")
@@ -113,6 +114,13 @@ def test_few_points_a_frame_are_drawn(tmp_path: Path, points: int, says: str) ->
     rows = pd.DataFrame({"frame": np.repeat(np.arange(5), points), "s_m": np.tile([0.2, 0.4][:points], 5)})
     rows = rows.assign(x_m=rows["s_m"], y_m=0.0, z_m=0.1 * rows["frame"], sim_x_m=rows["s_m"], sim_z_m=0.0)
     assert says in shapes_figure("few", rows, tmp_path).caption
+
+
+def test_a_scan_in_which_nothing_can_gain_is_drawn() -> None:
+    """As of markers on the clamps alone: nothing that is fitted moves them."""
+    rows = {"recording": "tips", "s_m": [0.0, 0.4] * 3, "frame": [0, 0, 1, 1, 2, 2]}
+    canvas = scan_figure(pd.DataFrame(rows).assign(gain=0.0, threshold=0.0), "tips")
+    canvas.canvas.draw()
 
 
 @pytest.mark.usefixtures("undrawn")

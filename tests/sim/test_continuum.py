@@ -138,6 +138,10 @@ def test_the_mass_at_the_tip_hangs_at_the_free_end_whichever_it_is() -> None:
     [
         ({"contact_friction.coefficient": 0.3}, "contact_friction does nothing here"),
         ({"lateral_load.x": 0.0}, "lateral_load does nothing here"),
+        ({"prior_history.kappa_1": 3.0}, "prior_history does nothing here"),
+        ({"mass_profile.mass": 0.01}, "mass_profile does nothing here"),
+        ({"plastic_bending.hardening_ratio": 0.2}, "plastic_bending does nothing here"),
+        ({"mass_profile.mass": 0.01, "mass_profile.s": 0.2}, ""),
         ({"grasp_slip.length": 0.01, "grasp_slip.time": 1.0}, "grasp_slip is of an end that nobody holds"),
         ({"end_angle.end_1": 0.1}, "end_angle is of an end that nobody holds"),
         ({"camera_pose.depth": 0.01, "end_angle.start_1": 0.1}, ""),

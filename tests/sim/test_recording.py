@@ -290,8 +290,9 @@ def test_a_rope_that_rubs_is_followed_in_shorter_steps(
 
     monkeypatch.setattr(RecordingModel, "_moved", tried)
     if share is None:
-        with pytest.raises(SimulationError):
+        with pytest.raises(SimulationError) as refused:
             model.predict(rod)
+        assert refused.value.place == model.recording.name
         assert shares == [1.0]
         return
     rollout, times = model.timed(rod)
