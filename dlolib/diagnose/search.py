@@ -152,7 +152,7 @@ def baseline(study: Study) -> Fitted:
     starts = tuple({**_stiffness(study, ratio), **roll} for ratio in FIRST_STIFFNESS_M4_S2 for roll in rolls)
     found = fit_first(study, Task({}, starts, _no_offsets(study), len(starts)))
     if found is None:
-        mend = "check the recording's units and ends"
+        mend = "check the recording's units, ends and gravity"
         raise SimulationError("no stiffness could be simulated", mend=mend)
     return settled(study, found)
 

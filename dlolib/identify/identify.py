@@ -216,7 +216,8 @@ def _best_start(problem: Problem, theta: Floats, settings: IdentifySettings, his
             continue
         found.append((float(end.cost), end.x, steps))
     if not found:
-        raise SimulationError("no stiffness could be simulated", mend="check the recording's units and ends")
+        mend = "check the recording's units, ends and gravity"
+        raise SimulationError("no stiffness could be simulated", mend=mend)
     _, best, steps = min(found, key=lambda one: one[0])
     history.extend(steps)
     return best

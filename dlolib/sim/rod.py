@@ -18,6 +18,8 @@ from dlolib.types import PER_DENSITY, Ends, Floats, Obstacle, Rope
 
 # An inextensible rope stretches this much under its load: its weight, the tip's, and a bend of its length.
 WEIGHT_STRAIN = 3e-5
+# Euler's load of a rope that is clamped at both ends, over EI / L^2: what pushes on it once it is bent.
+EULER = 4 * np.pi**2
 # Contact force per length of rope and depth [N/m^2], over the load per length.
 CONTACT_OVER_LOAD_1_M = 5e7
 # The stiffest rope over its density: of steel, as thick as an arm. Beyond it nothing bends, and rounding
@@ -181,11 +183,12 @@ def _joints(rod: Rod, clamped: np.ndarray) -> Floats:
 def _penalties(rod: Rod, gravity: Floats) -> tuple[float, float]:
     """Axial stiffness of an inextensible rope [N], and contact stiffness a length [N/m^2]."""
     length, weight = rod.rope.length_m, float(np.linalg.norm(gravity))
-    # in powers of ten, so that it does not vary with the stiffness that a fit moves in
-    stiffest = max(rod.bending_stiffness, *(rod.profile.bending or (0.0,)))
-    bend = 10.0 ** np.ceil(np.log10(stiffest / length**2))
-    load = rod.linear_density * max(weight, 9.81) * length + rod.rope.tip_mass_kg * weight + bend
-    return float(load / WEIGHT_STRAIN), float(load / length * CONTACT_OVER_LOAD_1_M)
+    bend = max(rod.bending_stiffness, *(rod.profile.bending or (0.0,))) / length**2
+    load = rod.linear_density * max(weight, 9.81) * length + rod.rope.tip_mass_kg * weight
+    axial = (load + EULER * bend) / WEIGHT_STRAIN
+    # in powers of ten, so that it does not vary with the stiffness that a fit moves in: no derivative has it
+    contact = (load + 10.0 ** np.ceil(np.log10(bend))) / length * CONTACT_OVER_LOAD_1_M
+    return float(axial), float(contact)
 
 
 def scene_of(setups: Sequence[Setup]) -> Scene:
