@@ -10,13 +10,14 @@ import numpy as np
 
 from dlolib.diagnose.fitting import Fitted
 from dlolib.diagnose.heldout import WORSE, Foretold, refuted
+from dlolib.diagnose.locate import Scan
 from dlolib.diagnose.residuals import IDEALLY, explains, slow_modes
 from dlolib.diagnose.search import Searched
 from dlolib.diagnose.study import DiagnoseSettings, Study, ideal
 
 Effects = tuple[str, ...]
 Status = Literal["no_mismatch", "explained", "ambiguous", "unexplained"]
-# Slow residuals this unlikely are a mismatch even where no effect takes them up.
+# Slow residuals, or gains of a local probe, this unlikely are a mismatch even where no effect takes them up.
 ALARMING = 1e-5
 MOST_TIED = 3
 # So many of the best models are compared on held-out motion, whatever was decided; a figure shows as many.
@@ -45,6 +46,7 @@ def decide(
     searched: Searched,
     settings: DiagnoseSettings,
     foretold: Mapping[Effects, Foretold] | None = None,
+    scans: Sequence[Scan] = (),
 ) -> Decision:
     """The verdict's status, winner and tie.
 
@@ -56,8 +58,9 @@ def decide(
     models = [one for one in searched.models if _earned(one, searched, settings)]
     best = models[0] if models else base
     if not models or best.bic(frames) > base.bic(frames):
-        slow = slow_modes(base)
-        return Decision("unexplained" if slow.p_value < ALARMING else "no_mismatch", base)
+        # slow modes do not see what is short, a scan not what is all over
+        alarming = min(slow_modes(base).p_value, *(one.p_value for one in scans), 1.0) < ALARMING
+        return Decision("unexplained" if alarming else "no_mismatch", base)
     if best.effects in wrong or not explains(best, base):
         return Decision("unexplained", best, refuted=best.effects in wrong)
     tie = _tied(study, models, base, settings, foretold)

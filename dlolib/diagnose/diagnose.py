@@ -74,7 +74,7 @@ def diagnose(recordings: Sequence[Recording], settings: DiagnoseSettings) -> Dia
             boxes = run(black_box, [(base, settings.seed)], "black box")
         pairs = zip(compared, foretold, strict=False)
         ahead = {one.effects: told for one, told in pairs if told is not None}
-        decision = decide(study, searched, settings, ahead)
+        decision = decide(study, searched, settings, ahead, scans)
         forms = other_forms(study, searched, decision.winner, settings, run)
         motion = next_motion(study, searched, decision, settings, run)
     if motion is not None:

@@ -59,7 +59,8 @@ class Scan:
     """The scan of one recording.
 
     frames (F,), arc_m (PLACES,). gain (probes, PLACES, F): in χ², the largest over the short windows around a
-    frame. threshold: what noise alone exceeds once in a hundred recordings. places: the strongest.
+    frame. threshold: what noise alone exceeds once in a hundred recordings. p_value: how likely noise alone
+    gains as much anywhere. places: the strongest.
     """
 
     recording: str
@@ -67,6 +68,7 @@ class Scan:
     arc_m: Floats
     gain: Floats
     threshold: float
+    p_value: float
     places: tuple[Place, ...]
 
 
@@ -128,11 +130,14 @@ def scan(study: Study, job: tuple[Fitted, int, int]) -> Scan:
     rng = np.random.default_rng(seed)
     noise = rng.normal(size=(DRAWS, *residual.shape))
     gains, sizes = _gains(columns, own, np.concatenate([residual[None], noise]), windows)
-    threshold = float(np.quantile(gains[1:].max(axis=(1, 2)), LEVEL))
+    largest = gains.max(axis=(1, 2))
+    threshold = float(np.quantile(largest[1:], LEVEL))
+    # the largest of many are distributed as Gumbel says, beyond as many draws as there are, too
+    p_value = float(stats.gumbel_r.sf(largest[0], *stats.gumbel_r.fit(largest[1:])))
     by_frame = _by_frame(gains[0], windows, len(residual)).reshape(len(PROBES), PLACES, -1)
     places = _strongest(one, gains[0], sizes, windows, arc, threshold)
     frames = np.unique(one.recording.points.frame)
-    return Scan(one.recording.name, frames, arc, by_frame, threshold, places)
+    return Scan(one.recording.name, frames, arc, by_frame, threshold, p_value, places)
 
 
 def _probe(made: Setup, probe: str, s_m: float, width_m: float) -> Sides:

@@ -23,7 +23,7 @@ def write_diagnosis(diagnosis: Diagnosis, folder: Path) -> None:
 
     shapes.csv: observed points, those of the elastic rod and of the winner, and how many deviations of the
     noise the elastic rod is off at each. scan.csv: gain of the local probes. moments.csv: of the winner,
-    where it bends most. tests.json: the path-reversal test.
+    where it bends most. tests.json: the path-reversal test, and how likely noise alone gives the scan's gain.
     """
     write_verdict(diagnosis.verdict, folder)
     if diagnosis.found.asked is not None:
@@ -35,7 +35,8 @@ def write_diagnosis(diagnosis: Diagnosis, folder: Path) -> None:
     write_csv(folder / "moments.csv", _moments(diagnosis))
     test = diagnosis.reversal
     content = {"pairs": test.pairs, "statistic": test.statistic, "p_value": test.p_value}
-    write_json(folder / "tests.json", {"reversal": content})
+    scans = {one.recording: one.p_value for one in diagnosis.found.scans}
+    write_json(folder / "tests.json", {"reversal": content, "scan": {"p_value": scans}})
 
 
 def _shapes(diagnosis: Diagnosis) -> pd.DataFrame:

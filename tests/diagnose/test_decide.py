@@ -37,10 +37,10 @@ def left(effects, chi2, parameters=2):
     )  # fmt: skip
 
 
-def decided(*models, foretold=None):
-    base = left((), 7000.0, 0)
+def decided(*models, foretold=None, scans=(), base=7000.0):
     ranked = sorted(models, key=lambda one: one.bic(FRAMES))
-    return decide(STUDY, Searched(base, tuple(ranked)), DiagnoseSettings(), foretold)
+    searched = Searched(left((), base, 0), tuple(ranked))
+    return decide(STUDY, searched, DiagnoseSettings(), foretold, scans)
 
 
 def told(change, error=0.0):
@@ -91,6 +91,11 @@ def test_noise_is_noise_however_much_was_not_seen(lost, correlation):
     noise = np.moveaxis(frames @ raw @ places.T, 1, 3)
     likely = [slow_modes(rest(white, one[seen])).p_value for one in noise]
     assert kstest(likely, "uniform").pvalue > 1e-3
+
+
+@pytest.mark.parametrize(("p_value", "status"), [(1e-4, "no_mismatch"), (1e-6, "unexplained")])
+def test_what_a_local_probe_sees_is_missing_though_slow_modes_do_not(p_value, status):
+    assert decided(scans=[SimpleNamespace(p_value=p_value)], base=0.0).status == status
 
 
 def test_the_best_model_explains_where_no_other_is_near():

@@ -1,6 +1,7 @@
 """The diagnosis as a whole on small recordings that our own rod made: planted, found; absent, not named."""
 
 import itertools
+import json
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
@@ -8,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import kstest
 from sim.ropes import EI, GJ, GRAVITY, LEVEL, ROPE
 
 from dlolib.cli import run
@@ -15,6 +17,7 @@ from dlolib.diagnose import DiagnoseSettings, Diagnosis, diagnose, locate, searc
 from dlolib.diagnose.detect import gain_needed
 from dlolib.diagnose.diagnose import _check, raw_study
 from dlolib.diagnose.fitting import fit, hypothesis
+from dlolib.diagnose.residuals import slow_modes
 from dlolib.errors import ParameterError
 from dlolib.formats import read_fit, read_recording, read_verdict, write_recording
 from dlolib.sim.continuum import simulated
@@ -69,6 +72,26 @@ def test_nothing_missing_is_said_so() -> None:
     assert abs(np.log(ei.value / EI)) < 1.5 * np.log(ei.high / ei.low) / 2
     assert verdict.noise.sigma_m == pytest.approx(SIGMA, rel=0.1)
     assert found("nothing").reversal.p_value is None or found("nothing").reversal.p_value > 0.001
+
+
+def test_a_scan_finds_in_noise_what_is_likely() -> None:
+    study, base = found("nothing").found.study, found("nothing").found.searched.baseline
+    rng = np.random.default_rng(1)
+    noise = [replace(base, residuals=(rng.normal(size=base.residuals[0].shape),)) for _ in range(24)]
+    likely = [locate.scan(study, (one, 0, 7)).p_value for one in noise]
+    assert kstest(likely, "uniform").pvalue > 0.01
+
+
+def test_a_push_that_no_effect_explains_and_slow_modes_do_not_see_is_located() -> None:
+    recording = made({})
+    points = recording.points
+    pushed = np.isin(points.frame, [20, 21]) & (np.abs(points.s_m - 0.22) < 0.07)
+    xyz = points.xyz_m + pushed[:, None] * [0.0, 2.5 * SIGMA, 0.0]
+    told = diagnose([replace(recording, points=replace(points, xyz_m=xyz))], QUICK)
+    assert slow_modes(told.found.searched.baseline).p_value > 1e-3
+    assert told.verdict.status == "unexplained" and not told.verdict.effects
+    place = told.verdict.where[0]
+    assert place.s_m[0] == pytest.approx(0.22, abs=0.05) and place.frames[0] <= 20 and place.frames[1] >= 21
 
 
 def test_a_roll_that_nobody_recorded_is_no_physics() -> None:
@@ -170,6 +193,8 @@ def test_the_folder_is_written_and_read_again(tmp_path: Path) -> None:
     assert {path.name for path in tmp_path.iterdir()} == {
         "verdict.json", "shapes.csv", "scan.csv", "moments.csv", "tests.json",
     }  # fmt: skip
+    tests = json.loads((tmp_path / "tests.json").read_text())
+    assert tests["scan"]["p_value"]["planted"] < 1e-5 and tests["reversal"]["p_value"] < 0.01
 
 
 def test_the_command_and_what_takes_its_verdict(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
