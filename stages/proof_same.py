@@ -37,9 +37,9 @@ from stages.proof import (
     verdict_sha256,
 )
 
-# An error of EI, a share, or of a place [m], is the same if it changes by no more than this, a thousandth
-# of EI or a millimetre of rope: no figure of the proof is told so finely.
-ROUNDING = 1e-3
+# An error of EI, a share, or of a place [m], is the same if it changes by no more than this, a ten-thousandth
+# of EI or a tenth of a millimetre of rope: no figure of the proof is told so finely.
+ROUNDING = 1e-4
 
 
 def main(*arguments: str) -> None:

@@ -51,9 +51,9 @@ def test_a_verdict_that_says_something_else_beside_what_is_judged_is_the_same(
 
 def test_digits_of_an_error_that_no_figure_tells_do_not_count() -> None:
     row = {"outcome": "right", "stiffness_error": {"baseline": 0.138, "augmented": 0.0026}, "tie": []}
-    digits = row | {"stiffness_error": {"baseline": 0.1385, "augmented": 0.0026}}
+    digits = row | {"stiffness_error": {"baseline": 0.13805, "augmented": 0.0026}}
     assert proof_same._alike(row, digits)
-    larger = row | {"stiffness_error": {"baseline": 0.14, "augmented": 0.0026}}
+    larger = row | {"stiffness_error": {"baseline": 0.1385, "augmented": 0.0026}}
     for other in (larger, row | {"outcome": "wrong"}, row | {"tie": [["end_angle"]]}, {"outcome": "right"}):
         assert not proof_same._alike(row, other)
 
