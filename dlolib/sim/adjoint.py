@@ -21,12 +21,13 @@ from dlolib.sim.band import HALF, solve, solve_transposed
 from dlolib.sim.derivatives import block2, block3, gathered, lanes2, lanes3, lanes4, of_end, spread
 from dlolib.sim.explicit import explicit
 from dlolib.sim.joints import HISTORY, laws_act
+from dlolib.sim.launch import kernel
 from dlolib.sim.runtime import APART, lanes, ti, vec2, vec3
 from dlolib.sim.scene import DRAG, INERTIA, SAMPLES
 from dlolib.sim.strain import bend_twist, darboux, moment_to_rotations, rotations_to_strain
 
 
-@ti.kernel
+@kernel
 def adjoint(
     x: vectors3,
     q: frames3,

@@ -8,6 +8,7 @@ push (return mapping; Wriggers, Computational Contact Mechanics, 2006, section 5
 contact's history.
 """
 
+from dlolib.sim.launch import kernel
 from dlolib.sim.rotations import identity
 from dlolib.sim.runtime import ti, vec3, vec4
 from dlolib.sim.scene import FRICTION
@@ -126,7 +127,7 @@ def grip_of(p: vec3, radius: float, o: ti.template(), b: int):
     return limit, normal, by_depth, bend
 
 
-@ti.kernel
+@kernel
 def nearest_obstacle(
     points: ti.types.ndarray(dtype=vec3, ndim=1),
     obstacles: ti.types.ndarray(dtype=ti.f64, ndim=3),

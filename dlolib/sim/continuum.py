@@ -152,7 +152,7 @@ def _say_idle(model: RecordingModel, rod: Rod) -> None:
 def _moves(model: RecordingModel, rod: Rod, without: Rod) -> float:
     """How far [m] an effect moves any point at most."""
     one, other = model.setup(rod), model.setup(without)
-    if one.moves_as(other) and one.camera == other.camera:
+    if one.mechanics == other.mechanics and one.camera == other.camera:
         return 0.0
     try:
         apart = model.predict(rod).xyz_m - model.predict(without).xyz_m

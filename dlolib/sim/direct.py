@@ -19,10 +19,11 @@ from dlolib.sim.assembly import (
 from dlolib.sim.equilibrium import CONVERGED, NOT_FINITE, TOO_FAR, UNCONVERGED, equilibrium
 from dlolib.sim.foretell import MOST_PIECES, lead, pieces_of, predict
 from dlolib.sim.joints import begin
+from dlolib.sim.launch import kernel
 from dlolib.sim.runtime import APART, ti
 
 
-@ti.kernel
+@kernel
 def roll_out(
     plain: ti.template(),
     x: vectors3,

@@ -15,6 +15,7 @@ from dlolib.sim.iterative_constraints import (
     pull_back_distance,
     pull_back_stretch,
 )
+from dlolib.sim.launch import kernel
 from dlolib.sim.runtime import ti, vec3
 
 scalars4 = ti.types.ndarray(dtype=ti.f64, ndim=4)
@@ -72,7 +73,7 @@ def iterate(
                     )
 
 
-@ti.kernel
+@kernel
 def roll_out(
     x: vectors3,
     q: frames3,
@@ -120,7 +121,7 @@ def roll_out(
                     status[b, t - 1] = 1
 
 
-@ti.kernel
+@kernel
 def adjoint(
     x: vectors3,
     q: frames3,

@@ -27,6 +27,7 @@ from dlolib.sim.contact import friction
 from dlolib.sim.effects import LAWS
 from dlolib.sim.equilibrium import NOT_FINITE
 from dlolib.sim.joints import curvature, law_derivatives, laws_act
+from dlolib.sim.launch import kernel
 from dlolib.sim.runtime import NEAR, ti, vec3, vec4
 from dlolib.sim.scene import LAWS as FIRST
 from dlolib.sim.scene import SAMPLES
@@ -48,7 +49,7 @@ def keep_held(
                         columns[m, k - 1, j, i] = entry(upper, lower, m, r, c, symmetric)
 
 
-@ti.kernel
+@kernel
 def linearise(
     x: vectors3,
     q: frames3,

@@ -4,12 +4,13 @@ import numpy as np
 
 from dlolib.sim.assembly import bent_before, frames3, joint_lengths, scalars3, scalars4, vectors3
 from dlolib.sim.joints import curvature, respond
+from dlolib.sim.launch import kernel
 from dlolib.sim.runtime import APART, ti
 from dlolib.sim.simulate import Rollout, steps_of
 from dlolib.types import Floats
 
 
-@ti.kernel
+@kernel
 def _moments(
     q: frames3,
     past: scalars4,

@@ -247,11 +247,16 @@ class RecordingModel:
         return self._kept.get(way, lambda: self._path(made, times))
 
     def _path(self, made: Setup, times: Floats) -> Path:
-        motion = interpolate_motion(self.recording.motion, times - made.delay_s)
+        motion = self._logged(times - made.delay_s)
         dt = np.diff(times, prepend=times[:1] - (self.step_s or 0.0 if made.moving else 0.0))
         gone = made.slip.gone(times) / made.length_m
         span = 1.0 - np.concatenate([gone[:1], gone])
         return replace(held_path(motion, made), dt_s=dt[None], span=span[None])
+
+    def _logged(self, times: Floats) -> Motion:
+        """The motion as the robot logged it, at these of its own times."""
+        way = ("logged", times.tobytes())
+        return self._kept.get(way, lambda: interpolate_motion(self.recording.motion, times))
 
     def predict(self, rod: Rod, parameters: Sequence[str] = ()) -> Prediction:
         """Simulate the recording's points and, by forward sensitivities, their derivatives."""
@@ -272,8 +277,7 @@ class RecordingModel:
             raise SimulationError(error.problem, file=error.file, place=place, mend=error.mend) from error
 
     def _responding(self, made: Setup, sides: Sequence[Sides]) -> Prediction:
-        rest = self._at_rest(made)
-        rollout = self._moved(made, rest)
+        rest, rollout = self._solved.get(made.mechanics, lambda: self._both(made))
         sampling, axis = self._sampling(made), viewing_axis(self.recording)
         xyz = sampling(rollout.x[0, 1 + sampling.steps][:, None])[:, 0]
 
@@ -283,6 +287,16 @@ class RecordingModel:
             return sampling(sensitivities(rollout, ways, sampling.steps + 1, tangent.at_rest())[0][0])
 
         return as_seen(xyz, made.camera, axis, sides, moved)
+
+    def _both(self, made: Setup) -> tuple[Rollout, Rollout]:
+        """The first shape and the whole motion."""
+        rest = self._at_rest(made)
+        return rest, self._moved(made, rest)
+
+    @cached_property
+    def _solved(self) -> Kept:
+        """Both of the last few set-ups: a fit is begun at many places of what is not there yet."""
+        return Kept(4)
 
     def _tangent(self, made: Setup, rest: Rollout, sides: Sequence[Sides], times: Floats) -> Tangent:
         """Derivatives of the first state by the parameters."""
@@ -301,20 +315,23 @@ class RecordingModel:
 
 
 class Kept:
-    """The last few results of something slow, by what they depend on; they are not to be written to."""
+    """Results of something slow, by what they depend on: those used last. They are not to be written to."""
 
-    MOST = 64
-
-    def __init__(self) -> None:
+    def __init__(self, most: int = 64) -> None:
+        self._most = most
         self._results: dict[Hashable, Any] = {}
+
+    def __reduce__(self) -> tuple[type[Kept], tuple[int]]:
+        """Another process makes its own."""
+        return Kept, (self._most,)
 
     def get(self, key: Hashable, made: Callable[[], Made]) -> Made:
         """The result kept under the key, or made now."""
-        if key not in self._results:
-            if len(self._results) == self.MOST:
-                self._results.pop(next(iter(self._results)))
-            self._results[key] = made()
-        return self._results[key]  # type: ignore[no-any-return]
+        found = self._results.pop(key) if key in self._results else made()
+        if len(self._results) == self._most:
+            self._results.pop(next(iter(self._results)))
+        self._results[key] = found
+        return found
 
 
 def check_mesh(rod: Rod, particles: int) -> None:

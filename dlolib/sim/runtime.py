@@ -73,4 +73,4 @@ mat3 = ti.types.matrix(3, 3, ti.f64)
 # for each and does the first, a loop over steps fewer; else two ropes would share a core, the other at rest.
 APART, NEAR = 512, 32
 
-__all__ = ["APART", "LANES", "NEAR", "lanes", "mat2", "mat3", "ti", "vec2", "vec3", "vec4"]
+__all__ = ["APART", "LANES", "NEAR", "impl", "lanes", "mat2", "mat3", "ti", "vec2", "vec3", "vec4"]

@@ -82,6 +82,8 @@ class Scene:
     @staticmethod
     def stack(scenes: Sequence[Scene]) -> Scene:
         """Scenes of one number of particles and obstacles, one after another in the batch."""
+        if len(scenes) == 1:
+            return scenes[0]
         parts = zip(*(scene.arrays() for scene in scenes), strict=True)
         joined = [np.ascontiguousarray(np.concatenate(part)) for part in parts]
         return Scene(

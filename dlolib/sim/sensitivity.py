@@ -30,6 +30,7 @@ from dlolib.sim.derivatives import (
 )
 from dlolib.sim.explicit import explicit
 from dlolib.sim.joints import law_acts, laws_act
+from dlolib.sim.launch import kernel
 from dlolib.sim.runtime import APART, lanes, ti, vec3
 from dlolib.sim.scene import DRAG, INERTIA, SAMPLES
 from dlolib.sim.strain import darboux, moment_to_rotations
@@ -211,7 +212,7 @@ def place_ends(
                     y[b, g, row_of(k, n) + j] = of_end(k, by_held, b, t, g, j)
 
 
-@ti.kernel
+@kernel
 def sensitivities(
     x: vectors3,
     q: frames3,

@@ -74,7 +74,7 @@ def as_seen(
     `moved` gives the true points' derivatives (P, C, 3) by those that move the rope; what moves the camera
     alone needs no simulation.
     """
-    moving = [k for k, (one, other, _) in enumerate(sides) if not one.moves_as(other)]
+    moving = [k for k, (one, other, _) in enumerate(sides) if one.mechanics != other.mechanics]
     by = np.zeros((*xyz_m.shape, len(sides)))
     if moving:
         by[:, :, moving] = np.moveaxis(turned(moved([sides[k] for k in moving]), camera), 1, 2)

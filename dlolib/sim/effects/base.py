@@ -10,8 +10,9 @@ explicit function of the set-up, by central differences at fixed state (see `dlo
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -21,6 +22,8 @@ from dlolib.sim.scene import LAWS
 from dlolib.types import Ends, Floats, Rope
 
 NO_TURN = NO_SHIFT = (0.0, 0.0, 0.0)
+# Parts of a set-up that are a recording's own, or move nothing.
+UNMOVING = ("rope", "ends", "camera")
 ENDS: tuple[Literal["start"], Literal["end"]] = ("start", "end")
 
 
@@ -201,10 +204,11 @@ class Setup:
         """Whether the rope remembers its way: a law or a contact with history."""
         return bool(self.joints[:, LAWS:].any()) or not self.symmetric
 
-    def moves_as(self, other: Setup) -> bool:
-        """Whether the rope is where it is in the other: at most the camera differs."""
-        mechanical = (part.name for part in fields(self) if part.name not in ("rope", "ends", "camera"))
-        return all(np.array_equal(getattr(self, name), getattr(other, name)) for name in mechanical)
+    @cached_property
+    def mechanics(self) -> tuple[Hashable, ...]:
+        """All that tells set-ups of one recording apart but the camera: alike in it, they move alike."""
+        values = [getattr(self, part.name) for part in fields(self) if part.name not in UNMOVING]
+        return tuple(value.tobytes() if isinstance(value, np.ndarray) else value for value in values)
 
     @property
     def length_m(self) -> float:
