@@ -23,7 +23,7 @@ from dlolib.formats import read_fit, read_recording, read_verdict, write_recordi
 from dlolib.sim.continuum import simulated
 from dlolib.sim.effects import EFFECTS
 from dlolib.sim.rod import Rod
-from dlolib.types import Ends, Motion, Points, Recording
+from dlolib.types import Ends, Motion, Obstacle, Points, Recording
 
 SIGMA, FRAMES, SEEN, STILL = 1e-3, 40, 15, 10
 # One effect of every kind: a law with history, a place, an end, a measurement.
@@ -33,7 +33,10 @@ QUICK = DiagnoseSettings(
 )
 
 
-def made(effects: Mapping[str, float], seed: int = 1, ends: Ends | None = None) -> Recording:
+def made(
+    effects: Mapping[str, float], seed: int = 1, ends: Ends | None = None,
+    obstacles: tuple[Obstacle, ...] = (), sigma_m: float = SIGMA,
+) -> Recording:  # fmt: skip
     """The paper's rope on an arc out and back, with effects and noise; the last quarter held out."""
     t = np.linspace(0, 20, 201)
     share = np.clip((t - 2) / 18, 0, 1)
@@ -44,9 +47,18 @@ def made(effects: Mapping[str, float], seed: int = 1, ends: Ends | None = None) 
     at = np.concatenate([np.linspace(0.5, 1.8, STILL), np.linspace(2.2, 19.8, FRAMES - STILL)])
     frame = np.repeat(np.arange(FRAMES), SEEN)
     points = Points(frame, at[frame], np.tile(np.linspace(0, 0.445, SEEN), FRAMES), np.zeros((len(frame), 3)))
-    base = Recording("planted", ROPE, GRAVITY, ends or Ends(), motion, points, static_frames=(0, STILL - 1))
+    base = Recording(
+        "planted",
+        ROPE,
+        GRAVITY,
+        ends or Ends(),
+        motion,
+        points,
+        static_frames=(0, STILL - 1),
+        obstacles=obstacles,
+    )
     clean = simulated(base, Rod(ROPE, EI, GJ, effects, particles=121))
-    noise = np.random.default_rng(seed).normal(0, SIGMA, clean.points.xyz_m.shape)
+    noise = np.random.default_rng(seed).normal(0, sigma_m, clean.points.xyz_m.shape)
     seen = replace(clean.points, xyz_m=clean.points.xyz_m + noise)
     return replace(clean, points=seen, position_noise_m=None)
 
@@ -92,6 +104,19 @@ def test_a_push_that_no_effect_explains_and_slow_modes_do_not_see_is_located() -
     assert told.verdict.status == "unexplained" and not told.verdict.effects
     place = told.verdict.where[0]
     assert place.s_m[0] == pytest.approx(0.22, abs=0.05) and place.frames[0] <= 20 and place.frames[1] >= 21
+
+
+def test_a_mesh_s_error_on_an_obstacle_is_not_told_as_physics(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Points as good as the mesh show it where the rope lies on something."""
+    post = Obstacle(
+        "cylinder",
+        {"center_m": (0.2, 0.0, -0.12), "axis": (0.3, 1.0, 0.0), "radius_m": (0.03,), "height_m": (1.0,)},
+    )
+    seen = made({}, obstacles=(post,), sigma_m=SIGMA / 8)
+    alone = replace(QUICK, without=tuple(EFFECTS))
+    assert diagnose([seen], alone).verdict.status == "no_mismatch"
+    monkeypatch.setattr(locate, "_left_by_meshes", lambda one, *_: np.zeros(one.whitener.shape[0]))
+    assert diagnose([seen], alone).verdict.status == "unexplained"
 
 
 def test_a_roll_that_nobody_recorded_is_no_physics() -> None:
