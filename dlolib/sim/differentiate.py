@@ -206,6 +206,8 @@ def zero_tangent(scene: Scene, count: int) -> Tangent:
 def _cases(rollout: Rollout, variations: Sequence[Variation]) -> tuple[np.ndarray, ...]:
     """The parameters' scenes as `explicit` takes them, and how they move what is held: (B, T, G, 12)."""
     ropes, indices, n = rollout.x.shape[:3]
+    if any(case.path.x.shape[1] != indices - 1 for one in variations for case in (one.ahead, one.behind)):
+        raise ValueError("a parameter's path has another number of steps than the roll-out")
     differs = [_differing(one, rollout.clock) for one in variations]
     # what holds the ends otherwise alone changes no force on a rope that is where it is
     slots = [c for c, differ in enumerate(differs) if differ.any()]

@@ -15,9 +15,9 @@ from dlolib.types import Floats
 STIFFNESS, REST, LENGTH, UNIFORM, PRIOR, LAWS = 0, 3, 6, 7, 8, 10
 # Columns of `Scene.particles`: inertial mass [kg], drag [N s/m], load [N].
 INERTIA, DRAG, LOAD = 0, 1, 2
-# Columns of `Scene.obstacles`: half the thickness [m], the coefficient of friction; a shape's own values end
-# before these.
-THIN, FRICTION = 14, 15
+# Columns of `Scene.obstacles`: half the thickness [m], the coefficient of friction, radius [m] and axis of a
+# hull; a shape's own values end before these.
+THIN, FRICTION, HULL = 14, 15, 16
 # Contact points a segment: between them a straight one of 15 mm dips 0.05 mm into a cylinder of 34 mm.
 SAMPLES = 4
 
@@ -36,7 +36,7 @@ class Scene:
         segments: (B, n - 1, 4): length [m]; shear (twice) and axial stiffness GA, GA, EA [N].
         particles: (B, n, 5): see the columns above.
         contacts: (B, K, 2): contact stiffness [N/m] and the rope's radius [m] at its contact points.
-        obstacles: (B, M, 16): see `dlolib.sim.shapes`, and the columns above.
+        obstacles: (B, M, 20): see `dlolib.sim.shapes`, and the columns above.
         grips: (B, 2, 3): stiffness of the clamps about their axes [N m/rad]; 0: held fast.
         clamped: (B, 2): 1 where an end is held.
         symmetric: whether every law and contact has an energy, so that the Hessian is symmetric.

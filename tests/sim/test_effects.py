@@ -176,6 +176,17 @@ def test_a_roll_out_of_no_steps_keeps_the_derivatives_of_its_state() -> None:
     assert all(np.array_equal(getattr(after, part), getattr(before, part)) for part in parts)
 
 
+def test_a_path_of_other_steps_than_the_roll_out_s_is_refused() -> None:
+    """Kernels would read beyond it."""
+    model = RecordingModel(recording(), PARTICLES, 0.02)
+    rod = rod_with("plastic_bending", TRIES["plastic_bending"].values)
+    rollout = model.roll_out(rod)
+    made = model.setup(rod)
+    case = Case(rollout.scene, model.path(made, model.times(made)[:-1]))
+    with pytest.raises(ValueError, match="another number of steps"):
+        sensitivities(rollout, [Variation(case, case, 1.0)], np.array([1]))
+
+
 def central(model: RecordingModel, rod: Rod, name: str, h: float) -> Floats:
     sides = (model.predict(rod.with_values({name: rod.value(name) + d})).xyz_m for d in (h, -h))
     return np.asarray((next(sides) - next(sides)) / (2 * h))

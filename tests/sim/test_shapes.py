@@ -7,7 +7,7 @@ from dlolib.formats import signed_distance
 from dlolib.obstacles import SHAPES
 from dlolib.sim import shapes
 from dlolib.sim.runtime import ti, vec3
-from dlolib.sim.scene import THIN
+from dlolib.sim.scene import HULL, THIN
 from dlolib.types import Obstacle
 
 EXAMPLES = {
@@ -69,6 +69,17 @@ def test_nothing_lies_deeper_than_half_of_the_thickness(shape: str) -> None:
     packed = shapes.pack([Obstacle(shape, EXAMPLES[shape])])
     deepest, half = -at(shape, around)[0].min(), packed[0, THIN]
     assert np.isinf(half) if shape == "plane" else 0.9 * half < deepest <= half + 1e-12
+
+
+@pytest.mark.parametrize("shape", EXAMPLES)
+def test_no_point_is_nearer_than_its_hull(shape: str) -> None:
+    points = np.array([0.1, 0.0, 0.2]) + np.random.default_rng(5).uniform(-0.2, 0.2, (2000, 3))
+    row = shapes.pack([Obstacle(shape, EXAMPLES[shape])])[0]
+    r = points - row[1:4]
+    aside = np.sqrt(np.maximum((r**2).sum(axis=1) - (r @ row[HULL + 1 :]) ** 2, 0.0))
+    beyond = aside - row[HULL]
+    assert (beyond <= at(shape, points)[0] + 1e-12).all()
+    assert np.isinf(row[HULL]) if shape == "plane" else (beyond > 0.05).mean() > 0.5
 
 
 @pytest.mark.parametrize("shape", EXAMPLES)

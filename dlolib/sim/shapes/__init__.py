@@ -7,17 +7,18 @@ import numpy as np
 
 from dlolib.sim.rotations import identity
 from dlolib.sim.runtime import mat3, ti, vec3
-from dlolib.sim.scene import THIN
+from dlolib.sim.scene import HULL, THIN
 from dlolib.sim.shapes import box, capsule, cylinder, plane, sphere
 from dlolib.types import Floats, Obstacle
 
 ALL = (cylinder, sphere, plane, box, capsule)
-WIDTH = 16
+WIDTH = HULL + 4
 scalars3 = ti.types.ndarray(dtype=ti.f64, ndim=3)
 
 
 def pack(obstacles: Sequence[Obstacle]) -> Floats:
-    """Obstacles as rows (K, 16): the shape's number, its values, and half of its thickness in column THIN."""
+    """Obstacles as rows (K, WIDTH): the shape's number, its values, half of its thickness in column THIN, and
+    its hull in the last four."""
     numbers = {shape.NAME: number for number, shape in enumerate(ALL)}
     rows = np.zeros((len(obstacles), WIDTH))
     for row, obstacle in zip(rows, obstacles, strict=True):
@@ -25,6 +26,7 @@ def pack(obstacles: Sequence[Obstacle]) -> Floats:
         values = [float(number), *ALL[number].pack(obstacle.values)]
         row[: len(values)] = values
         row[THIN] = ALL[number].half_thickness(obstacle.values)
+        row[HULL:] = ALL[number].hull(obstacle.values)
     return rows
 
 

@@ -20,6 +20,11 @@ def half_thickness(values: Mapping[str, tuple[float, ...]]) -> float:
     return min(values["size_m"]) / 2
 
 
+def hull(values: Mapping[str, tuple[float, ...]]) -> list[float]:
+    """Of a ball about its centre that holds it: radius [m], and no axis."""
+    return [sum((s / 2) ** 2 for s in values["size_m"]) ** 0.5, 0.0, 0.0, 0.0]
+
+
 @ti.func
 def signed_distance(p: vec3, o: ti.template(), b: int, k: int):
     """Distance to the surface [m], its gradient and Hessian, and 0: a box has no end sections."""

@@ -20,6 +20,11 @@ def half_thickness(values: Mapping[str, tuple[float, ...]]) -> float:
     return values["radius_m"][0]
 
 
+def hull(values: Mapping[str, tuple[float, ...]]) -> list[float]:
+    """Of an endless tube about its centre that holds it: radius [m] and unit axis."""
+    return [values["radius_m"][0], *pack(values)[3:6]]
+
+
 @ti.func
 def signed_distance(p: vec3, o: ti.template(), b: int, k: int):
     """Distance to the surface [m], its gradient and Hessian, and 0: a capsule has no end sections."""

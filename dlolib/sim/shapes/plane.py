@@ -21,6 +21,11 @@ def half_thickness(values: Mapping[str, tuple[float, ...]]) -> float:
     return inf
 
 
+def hull(values: Mapping[str, tuple[float, ...]]) -> list[float]:
+    """Nothing holds a half space."""
+    return [inf, 0.0, 0.0, 0.0]
+
+
 @ti.func
 def signed_distance(p: vec3, o: ti.template(), b: int, k: int):
     """Distance to the surface [m], its gradient and Hessian, and 0: a plane has no end sections."""
