@@ -53,7 +53,7 @@ WHY = {
     "backward_over_forward": "every step's Hessian is made and factored once more, at its converged state",
     "batch64_over_single": "cores share the ropes, and each rope is its own loop: there are no SIMD lanes",
     "contact_over_free": "Coulomb's law takes several times the iterations, of a Hessian that is not "
-    "symmetric, and asks obstacles how far they are at four points a segment, each by a call",
+    "symmetric, and looks for obstacles at four points a segment",
     "identify_vs_mujoco": "an evaluation with its derivative takes some three forward passes, and a third of "
     "both is Python and launches",
     "learn_seconds": "the rope's kernels, their launches (thirty an iteration) and looking for obstacles",
