@@ -148,9 +148,8 @@ def scan(study: Study, job: tuple[Fitted, int, int]) -> Scan:
 
 
 def _left_by_meshes(one: Seen, rod: Rod, offsets_m: Floats) -> Floats:
-    """What the correction of the mesh's error leaves of it in each frame (F,), in χ²: twice as much as the
-    next finer meshes take away, since on an obstacle an error halves with the segments. Next to nothing of a
-    free rope; of one that lies on something tenths of a millimetre, which points as good as that show. 0
+    """What the correction of the mesh's error leaves of it in each frame (F,), in χ²: how far from it the
+    next finer meshes put the points. Next to nothing of a free rope; more of one that lies on an obstacle. 0
     where the finer rope has no equilibrium.
     """
     finely = rod.with_particles(one.fine.particles)
@@ -158,7 +157,7 @@ def _left_by_meshes(one: Seen, rod: Rod, offsets_m: Floats) -> Floats:
         finer_m = one.fine.predict(finely).xyz_m + mesh_error(one.fine, refined(one.fine, 2), rod)
     except SimulationError:
         return np.zeros(one.whitener.shape[0])
-    left = 2 * (finer_m - one.model.predict(rod).xyz_m - offsets_m)
+    left = finer_m - one.model.predict(rod).xyz_m - offsets_m
     return np.asarray(np.sum(one.whitener(left[:, axes(one.model), None]) ** 2, axis=(1, 2, 3)))
 
 
