@@ -41,7 +41,7 @@ from stages.proof import (
     verdict_in,
 )
 
-FRAMES, SEED = 60, 3
+SEED = 3
 PARTS = ("start_m", "start_q", "end_m", "end_q")
 
 
@@ -98,7 +98,9 @@ def played_on(case: Case, motion: Motion, name: str, rng: np.random.Generator) -
     end_s = float(before.t_s[-1])
     way = {part: np.concatenate([getattr(before, part), getattr(motion, part)[1:]]) for part in PARTS}
     whole = Motion(np.concatenate([before.t_s, end_s + motion.t_s[1:]]), **way)
-    frame_t_s: Floats = np.linspace(0.0, motion.t_s[-1], FRAMES)
+    # as often as before
+    every_s = float(np.median(np.diff(case.experiment.frame_t_s)))
+    frame_t_s: Floats = np.linspace(0.0, motion.t_s[-1], int(motion.t_s[-1] / every_s) + 1)
     experiment = replace(case.experiment, motion=whole, frame_t_s=end_s + frame_t_s)
     points, bodies = settled(experiment, case.effects, SIGMA_M)
     seen = rng.random(points.shape[:2]) < case.seen.mean()

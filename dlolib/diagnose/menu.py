@@ -56,6 +56,11 @@ def menu(motion: Motion) -> list[tuple[str, Motion]]:
     return [(says, one) for says, one in whole if len(one.t_s) >= FEWEST_ROWS]
 
 
+def then(one: Motion, other: Motion) -> Motion:
+    """Two motions of the menu one after the other: each ends where both begin."""
+    return _joined([one, other])
+
+
 def _pose(motion: Motion, k: int) -> Pose:
     return motion.start_m[k], motion.start_q[k], motion.end_m[k], motion.end_q[k]
 
@@ -190,4 +195,4 @@ def _timed(motion: Motion, speed: float, turning_speed: float) -> Motion:
     return Motion(np.concatenate([[0.0], np.cumsum(takes_s[moves])]), *parts)
 
 
-__all__ = ["FEWEST_ROWS", "menu"]
+__all__ = ["FEWEST_ROWS", "menu", "then"]

@@ -9,10 +9,22 @@ from scipy.spatial.transform import Rotation
 from sim import test_begun
 
 from dlolib.diagnose import DiagnoseSettings
-from dlolib.diagnose.ask import POINTS, Pair, _longer, left, next_motion, paired, rivals
+from dlolib.diagnose.ask import (
+    ENOUGH,
+    POINTS,
+    Asked,
+    Pair,
+    _chosen,
+    _longer,
+    frames_of,
+    left,
+    next_motion,
+    paired,
+    rivals,
+)
 from dlolib.diagnose.decide import IMITATED, Decision
 from dlolib.diagnose.fitting import Fitted
-from dlolib.diagnose.menu import QUICKER, ROLL_RAD, ROLL_RAD_S, menu
+from dlolib.diagnose.menu import QUICKER, ROLL_RAD, ROLL_RAD_S, menu, then
 from dlolib.diagnose.workers import Workers
 from dlolib.sim.begun import BegunModel, motion_model
 from dlolib.sim.poses import PosesModel, model_of
@@ -96,19 +108,56 @@ def test_two_laws_are_told_apart_and_a_model_is_not_told_from_itself() -> None:
     models = models_of("plastic")
     plastic, friction = models[("plastic_bending",)], models[("internal_friction",)]
     asked = asked_for(plastic, friction)
-    assert asked is not None and asked.expected > 10
+    assert isinstance(asked, Asked) and asked.expected > 10 and asked.surely >= ENOUGH
     assert asked.says in [says for says, _ in menu(found("plastic").found.study.seen[0].recording.motion)]
     assert asked_for(plastic, plastic) is None
     assert asked_for(plastic) is None
 
 
+def test_where_one_motion_does_not_promise_enough_another_follows_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    models = models_of("plastic")
+    tie = models[("plastic_bending",)], models[("internal_friction",)]
+    one = asked_for(*tie)
+    monkeypatch.setattr("dlolib.diagnose.ask.ENOUGH", 1e9)
+    both = asked_for(*tie)
+    assert isinstance(one, Asked) and isinstance(both, Asked) and both.clear > one.clear
+    names = [says for says, _ in menu(found("plastic").found.study.seen[0].recording.motion)]
+    assert both.says in [f"{first}, then {second}" for first in names for second in names if first != second]
+
+
+def test_of_what_promises_enough_the_shortest_is_asked_for() -> None:
+    short, long = (replace(MOTION, t_s=factor * MOTION.t_s) for factor in (1.0, 2.0))
+    sure, surer = Asked(short, "short", 40.0, 6.0, ENOUGH), Asked(long, "long", 90.0, 12.0, 2 * ENOUGH)
+    assert _chosen([surer, sure]) is sure
+    assert _chosen([replace(sure, surely=0.9 * ENOUGH), surer]) is surer
+    assert _chosen([replace(sure, surely=0.0), replace(surer, surely=0.0)]).says == "long"
+
+
+def test_of_two_motions_the_second_goes_on_from_where_the_first_ended() -> None:
+    (_, roll), *_, (_, slow) = menu(MOTION)
+    both = then(roll, slow)
+    assert both.t_s[-1] == pytest.approx(roll.t_s[-1] + slow.t_s[-1]) and (np.diff(both.t_s) > 0).all()
+    rows = len(roll.t_s)
+    assert both.end_m[:rows] == pytest.approx(roll.end_m)
+    assert both.end_m[rows - 1 :] == pytest.approx(slow.end_m)
+
+
+def test_the_camera_looks_as_often_as_it_did() -> None:
+    recording = made({})
+    every_s = np.median(np.diff(np.unique(recording.points.t_s)))
+    assert (
+        frames_of(replace(MOTION, t_s=MOTION.t_s * (40.5 * every_s / MOTION.t_s[-1])), recording, 200) == 40
+    )
+    assert frames_of(replace(MOTION, t_s=1e3 * MOTION.t_s), recording, 200) == 200
+
+
 def test_what_forms_may_leave_of_what_is_explained_is_no_difference() -> None:
     """A large difference of much that is explained tells less than a small one of little."""
     model = models_of("plastic")[("plastic_bending",)]
-    law = Pair(model, model, share=IMITATED, least=0.0, penalty=0.0)
-    assert law.over(500.0, 7000.0, tie=6.0) < 1.0 < law.over(100.0, 250.0, tie=6.0)
-    assert replace(law, share=0.0).over(500.0, 7000.0, tie=6.0) == 500.0 / 6.0
-    assert law.over(100.0, 100.0, tie=0.0) > 1.0
+    law = Pair(model, model, share=IMITATED, least=0.0, further=0)
+    assert law.over(500.0, 7000.0, 100, tie=6.0) < 1.0 < law.over(100.0, 250.0, 100, tie=6.0)
+    assert replace(law, share=0.0).over(500.0, 7000.0, 100, tie=6.0) == 500.0 / 6.0
+    assert law.over(100.0, 100.0, 100, tie=0.0) > 1.0
 
 
 def test_what_is_further_must_earn_its_place() -> None:
@@ -117,19 +166,21 @@ def test_what_is_further_must_earn_its_place() -> None:
     more = replace(
         model, effects=("end_angle", "plastic_bending"), unknowns=(*model.unknowns, model.unknowns[0])
     )
-    pair = paired(model, more, 100, 5e-5)
-    assert pair.shown is more and pair.model is model and pair.penalty == pytest.approx(np.log(100))
+    pair = paired(model, more, 5e-5)
+    assert (
+        pair.shown is more and pair.model is model and pair.gain(9.0, 100) == pytest.approx(9.0 - np.log(100))
+    )
     assert pair.least == pytest.approx(16.4, abs=0.1)
-    assert pair.over(15.0, 0.0, tie=6.0) < 1.0
+    assert pair.over(15.0, 0.0, 100, tie=6.0) < 1.0
     other = models_of("plastic")[("internal_friction",)]
-    assert paired(model, other, 100, 5e-5).least == 0.0
+    assert paired(model, other, 5e-5).least == 0.0
 
 
 def test_a_model_is_not_told_from_itself_by_what_a_recording_has_for_itself() -> None:
     """A camera that stands otherwise is no difference between two models that both know it."""
     study, model = found("plastic").found.study, models_of("plastic")[("plastic_bending",)]
     _, motion = menu(study.seen[0].recording.motion)[0]
-    longer = _longer(study, motion)
+    longer = _longer(study, motion, 60)
     own = tuple(longer.nuisances)
     off = [2 * longer.nuisances[one] for one in own]
     shown = replace(model, unknowns=(*model.unknowns, *own), theta=np.append(model.theta, off))
@@ -158,7 +209,7 @@ def test_settled_poses_go_on_from_the_last_one() -> None:
     settled = replace(study, seen=(replace(study.seen[0], model=model),))
     rod = study.rod(0, models_of("plastic")[("plastic_bending",)].values(0))
     for says, further in menu(motion):
-        there = _longer(settled, further).seen[1].model.predict(rod).xyz_m.reshape(-1, POINTS, 3)
+        there = _longer(settled, further, 60).seen[1].model.predict(rod).xyz_m.reshape(-1, POINTS, 3)
         assert np.linalg.norm(there[-1, -1] - further.end_m[-1]) < 1e-3, says
 
 
@@ -169,7 +220,7 @@ def test_what_began_in_motion_begins_so_when_it_is_moved_on() -> None:
     assert isinstance(model, BegunModel)
     begun = replace(study, seen=(replace(study.seen[0], model=model),))
     _, further = menu(recording.motion)[0]
-    moved_on = _longer(begun, further).seen[1].model
+    moved_on = _longer(begun, further, 60).seen[1].model
     first, again = (one.roll_out(test_begun.rod(20)) for one in (model, moved_on))
     assert np.array_equal(again.x[0, : first.x.shape[1]], first.x[0])
     assert again.x.shape[1] > first.x.shape[1]
