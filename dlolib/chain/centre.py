@@ -83,8 +83,8 @@ class Sections:
 
 
 def tangents(grid: Floats) -> Floats:
-    """Unit tangents of a line (N, D) with even samples."""
-    step = np.gradient(grid, axis=0)
+    """Unit tangents of a line (N, D) with even samples, N at least 2."""
+    step = np.concatenate([grid[1:2] - grid[:1], grid[2:] - grid[:-2], grid[-1:] - grid[-2:-1]])
     unit: Floats = step / np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-12)
     return unit
 

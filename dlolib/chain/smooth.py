@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
-from scipy.linalg import solveh_banded
+from scipy.linalg.lapack import dpbsv
 from scipy.sparse import csc_array, csr_array
 from scipy.special import binom
 
@@ -43,16 +44,15 @@ def smoothed(readings: Floats, weights: Floats, half_wave: float, onward: bool =
     if len(readings) <= ORDER:
         return between.reshape(np.shape(readings))
     share = weights[:, None] / weights.mean()
-    basis, turned, banded = _system(weights, half_wave)
-    right = turned @ (share * columns + TRACE * between)
-    curve = basis @ solveh_banded(banded, right, check_finite=False)
+    splines, banded = _system(weights, half_wave)
+    right = splines.turned @ (share * columns + TRACE * between)
+    curve = splines.basis @ _solved(banded, right)
     if not onward:
         first, last = read[0], read[-1]
         most = min(STRAIGHT_ON * half_wave, 0.5 * (last - first))
-        slope = np.gradient(curve[first : last + 1], axis=0) if last > first else np.zeros_like(curve[:1])
-        inner = np.clip(at, first, last)
-        beyond = np.clip(at - inner, -most, most)
-        curve = curve[inner] + beyond[:, None] * slope[inner - first]
+        before, after = np.clip(at - first, -most, 0), np.clip(at - last, 0, most)
+        ends = np.diff(curve[[first, first + (last > first), last - (last > first), last]], axis=0)
+        curve = curve[np.clip(at, first, last)] + before[:, None] * ends[0] + after[:, None] * ends[2]
     return np.asarray(curve.reshape(np.shape(readings)), dtype=np.float64)
 
 
@@ -64,8 +64,8 @@ def noise_gain(weights: Floats, half_wave: float) -> Floats:
     mean = max(float(weights.mean()), 1e-12)
     if len(weights) <= ORDER or not weights.any():
         return np.full(len(weights), 1 / np.sqrt(mean))
-    basis, turned, banded = _system(weights, half_wave)
-    response = basis @ solveh_banded(banded, turned.toarray(), check_finite=False)
+    splines, banded = _system(weights, half_wave)
+    response = splines.basis @ _solved(banded, splines.turned.toarray())
     gain: Floats = np.sqrt((response**2) @ (weights / mean) / mean)
     return gain
 
@@ -92,41 +92,60 @@ def noise_together(sample: NDArray[np.intp], rest: Floats, half_wave: float) -> 
     return float(np.sqrt(found)) if found > SURELY else 1.0
 
 
-def _system(weights: Floats, half_wave: float) -> tuple[csr_array, csc_array, Floats]:
-    """The splines (N, K), the same turned (K, N), and their normal equations, in the upper banded form of
-    scipy.linalg.
+@dataclass(frozen=True)
+class _Splines:
+    """K splines over N samples: their values (N, K), the same turned (K, N), their products as what weights
+    (N,) make of normal equations, and the penalty of their differences; both in the upper banded form of
+    LAPACK, (ORDER + 1, K), which the products (.., N) have unrolled."""
+
+    basis: csr_array
+    turned: csc_array
+    products: csr_array
+    penalty: Floats
+
+
+def _system(weights: Floats, half_wave: float) -> tuple[_Splines, Floats]:
+    """The splines, and their normal equations with these weights, banded.
 
     No wave is shorter than two samples: else nothing would carry the curve across what was not read.
     """
     half_wave = max(half_wave, 1.0)
     steps = max(int(np.ceil((len(weights) - 1) / max(half_wave / SPLINES, 1.0))), 1)
     step = (len(weights) - 1) / steps
-    basis, turned, penalty = _splines(len(weights), steps)
-    weights = weights / weights.mean() + TRACE
-    # at each sample so many splines are not zero, one beside the other
-    first = basis.indices[::ORDER]
-    values = basis.data.reshape(-1, ORDER).T
-    banded = step * (half_wave / (np.pi * step)) ** (2 * ORDER) * penalty
-    for i in range(ORDER):
-        for j in range(i, ORDER):
-            products = weights * values[i] * values[j]
-            banded[ORDER + i - j] += np.bincount(first + j, products, minlength=basis.shape[1])
-    return basis, turned, banded
+    splines = _splines(len(weights), steps)
+    held = step * (half_wave / (np.pi * step)) ** (2 * ORDER) * splines.penalty
+    told = splines.products @ (weights / weights.mean() + TRACE)
+    return splines, held + told.reshape(held.shape)
+
+
+def _solved(banded: Floats, right: Floats) -> Floats:
+    """Of positive definite equations; `scipy.linalg.solveh_banded` without its checks, which take longer."""
+    _, answer, failed = dpbsv(banded, right)
+    if failed:
+        raise np.linalg.LinAlgError("the splines' normal equations are not positive definite")
+    return np.asarray(answer)
 
 
 @lru_cache(maxsize=512)
-def _splines(count: int, steps: int) -> tuple[csr_array, csc_array, Floats]:
-    """Splines over so many samples in so many even steps, (count, K), the same turned, and the penalty of
-    their differences, (ORDER + 1, K), banded. Lines of one rope have much the same counts in all frames."""
+def _splines(count: int, steps: int) -> _Splines:
+    """Splines over so many samples in so many even steps. Lines of one rope have much the same counts in all
+    frames."""
     step = (count - 1) / steps
     knots = step * np.arange(-DEGREE, steps + DEGREE + 1)
     at = np.clip(np.arange(count, dtype=np.float64), 0, steps * step)
     basis = BSpline.design_matrix(at, knots, DEGREE)
     splines = steps + DEGREE
+    # at each sample so many splines are not zero, one beside the other
+    first, values = basis.indices[::ORDER], basis.data.reshape(-1, ORDER).T
+    one, other = np.triu_indices(ORDER)
+    place = (ORDER + one - other)[:, None] * splines + first + other[:, None]
+    sample = np.broadcast_to(np.arange(count), place.shape)
+    shape = ((ORDER + 1) * splines, count)
+    products = csr_array(((values[one] * values[other]).ravel(), (place.ravel(), sample.ravel())), shape)
     differences = [(-1) ** (ORDER - k) * binom(ORDER, k) for k in range(ORDER + 1)]
-    banded = np.zeros((ORDER + 1, splines))
+    penalty = np.zeros((ORDER + 1, splines))
     for k in range(ORDER + 1):
         for j in range(k, ORDER + 1):
             lag = j - k
-            banded[ORDER - lag, j : splines - ORDER + j] += differences[k] * differences[j]
-    return basis, basis.T, banded
+            penalty[ORDER - lag, j : splines - ORDER + j] += differences[k] * differences[j]
+    return _Splines(basis, basis.T, products, penalty)
