@@ -29,7 +29,7 @@ PAGE = """# Validation
 
 The rod of `dlolib.sim` against theory, case by case. `make validation` runs them, draws the figures and
 writes this page; `tests/sim/test_validation.py` holds the same cases to the same theory. Each is a function
-of [`stages/cases.py`](../stages/cases.py), which names its source.
+of [`stages/cases`](../stages/cases), which names its source.
 
 | case | against | figure reached |
 |---|---|---|

@@ -1,0 +1,70 @@
+"""A free oscillation: its period, and what the step takes of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import curve_fit
+
+from dlolib.sim.rod import Rod, scene
+from dlolib.sim.simulate import Clock, roll_out
+from dlolib.types import Floats
+from stages.cases.rope import CANTILEVER, DENSITY, EI, GJ, LENGTH, NONE, ROPE, held, pose, rest
+
+
+@dataclass(frozen=True)
+class Oscillation:
+    """Frequency and decay rate found at several steps, those of implicit Euler, and the beam's frequency."""
+
+    step_s: Floats
+    frequency: Floats
+    rate: Floats
+    euler_rate: Floats
+    theory: float
+    t_s: Floats
+    tip: Floats
+
+    @property
+    def continuous(self) -> float:
+        """The frequency at a step of zero, implicit Euler's tan(ω dt) = Ω dt undone [rad/s]."""
+        return float((np.tan(self.frequency * self.step_s) / self.step_s)[-1])
+
+
+def oscillation(particles: int = 60, parts: tuple[int, ...] = (200, 400, 800)) -> Oscillation:
+    """A cantilever without gravity, let go: ω = 1.8751² √(EI / ρ L⁴), decay ln(1 + ω² dt²) / (2 dt).
+
+    Euler and Bernoulli's beam (Blevins, Formulas for Natural Frequency, 1979, table 8-1). The second is
+    implicit Euler's own on a linear oscillator: half a step, half the decay.
+    """
+    theory = 1.8751040687**2 * np.sqrt(EI / (DENSITY * LENGTH**4))
+    rod = Rod(ROPE, EI, GJ, particles=particles)
+    _, bent = rest(rod, pose(0, 0), None, np.array([0.0, 0.0, -1e-3]))
+    free = scene([rod], NONE, CANTILEVER)
+    steps, frequencies, rates = [], [], []
+    for part in parts:
+        dt = 2 * np.pi / theory / part
+        count = 2 * part
+        moved = roll_out(free, bent.final.at_rest(), held([pose(0, 0)] * count), Clock(dt))
+        # the beam's first mode alone: its shape is orthogonal to the others'
+        tip = moved.x[0, :, :, 2] @ (free.mass[0] * _first_mode(particles))
+        t = dt * np.arange(count + 1)
+        wave = curve_fit(
+            lambda t, a, b, rate, w: np.exp(-rate * t) * (a * np.cos(w * t) + b * np.sin(w * t)),
+            t, tip / abs(tip[0]), (-1.0, 0.0, theory**2 * dt / 2, theory),
+        )[0]  # fmt: skip
+        steps.append(dt)
+        rates.append(wave[2])
+        frequencies.append(wave[3])
+    step = np.array(steps)
+    euler = np.log(1 + (theory * step) ** 2) / (2 * step)
+    return Oscillation(
+        step, np.array(frequencies), np.array(rates), euler, float(theory), t, tip / abs(tip[0])
+    )
+
+
+def _first_mode(particles: int) -> Floats:
+    """The first mode of a clamped-free beam at even arc lengths."""
+    u = 1.8751040687 * np.linspace(0, 1, particles)
+    share = (np.cos(u[-1]) + np.cosh(u[-1])) / (np.sin(u[-1]) + np.sinh(u[-1]))
+    return np.asarray(np.cosh(u) - np.cos(u) - share * (np.sinh(u) - np.sin(u)))
