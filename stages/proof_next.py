@@ -100,7 +100,7 @@ def played_on(case: Case, motion: Motion, name: str, rng: np.random.Generator) -
     whole = Motion(np.concatenate([before.t_s, end_s + motion.t_s[1:]]), **way)
     # as often as before
     every_s = float(np.median(np.diff(case.experiment.frame_t_s)))
-    frame_t_s: Floats = np.linspace(0.0, motion.t_s[-1], int(motion.t_s[-1] / every_s) + 1)
+    frame_t_s: Floats = np.linspace(0.0, motion.t_s[-1], max(int(motion.t_s[-1] / every_s), 1) + 1)
     experiment = replace(case.experiment, motion=whole, frame_t_s=end_s + frame_t_s)
     points, bodies = settled(experiment, case.effects, SIGMA_M)
     seen = rng.random(points.shape[:2]) < case.seen.mean()
