@@ -54,9 +54,9 @@ WHY = {
     "batch64_over_single": "cores share the ropes, and each rope is its own loop: there are no SIMD lanes",
     "contact_over_free": "Coulomb's law takes several times the iterations, of a Hessian that is not "
     "symmetric, and looks for obstacles at four points a segment",
-    "identify_vs_mujoco": "an evaluation with its derivative takes some three forward passes, and a third of "
-    "both is Python and launches",
-    "learn_seconds": "the rope's kernels, their launches (thirty an iteration) and looking for obstacles",
+    "identify_vs_mujoco": "an evaluation with its derivative takes some two forward passes, and a quarter of "
+    "both is Python",
+    "learn_seconds": "two thirds are the rope's kernels, the rest is Python between them",
 }
 """Why a figure misses its goal, as far as that is known; it stands in `how` where it does."""
 

@@ -54,8 +54,14 @@ def clearance(positions_m: Floats, radius_m: float, obstacles: Sequence[Obstacle
     """
     if not obstacles:
         return np.full(positions_m.shape[:-2], np.inf)
-    share = (np.arange(SAMPLES_PER_SEGMENT) / SAMPLES_PER_SEGMENT)[:, None]
-    a, b = positions_m[..., :-1, None, :], positions_m[..., 1:, None, :]
-    along = (a + share * (b - a)).reshape(*positions_m.shape[:-2], -1, 3)
-    samples = np.concatenate([along, positions_m[..., -1:, :]], axis=-2)
-    return np.asarray(nearest(samples, obstacles).distance_m.min(axis=-1) - radius_m)
+    at_particles = nearest(positions_m, obstacles).distance_m
+    least = at_particles.min(axis=-1)
+    a, way = positions_m[..., :-1, :], np.diff(positions_m, axis=-2)
+    # a distance changes no faster than one moves: nearer than this no point of a segment is
+    bound = 0.5 * (at_particles[..., :-1] + at_particles[..., 1:] - np.linalg.norm(way, axis=-1))
+    may = bound < least[..., None]
+    share = np.arange(1, SAMPLES_PER_SEGMENT)[:, None] / SAMPLES_PER_SEGMENT
+    within = np.full(may.shape, np.inf)
+    if may.any():
+        within[may] = nearest(a[may][:, None] + share * way[may][:, None], obstacles).distance_m.min(axis=-1)
+    return np.asarray(np.minimum(least, within.min(axis=-1)) - radius_m)

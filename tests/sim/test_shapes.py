@@ -6,6 +6,7 @@ import pytest
 from dlolib.formats import signed_distance
 from dlolib.obstacles import SHAPES
 from dlolib.sim import shapes
+from dlolib.sim.clearance import SAMPLES_PER_SEGMENT, clearance
 from dlolib.sim.runtime import ti, vec3
 from dlolib.sim.scene import HULL, THIN
 from dlolib.types import Obstacle
@@ -115,3 +116,18 @@ def test_gradient_and_hessian_are_those_of_the_distance(shape: str) -> None:
     assert n[smooth] == pytest.approx(by[smooth], abs=1e-6)
     assert h[smooth] == pytest.approx(bend[smooth], abs=1e-4 * max(1.0, np.abs(h).max()))
     assert np.isfinite(d).all()
+
+
+@pytest.mark.parametrize("names", [*((name,) for name in SHAPES), tuple(SHAPES)])
+def test_clearance_is_that_of_all_samples_of_all_segments(names: tuple[str, ...]) -> None:
+    """Of ropes that lie off an obstacle, and through it; of one that leads straight away from its middle."""
+    obstacles = [Obstacle(name, EXAMPLES[name]) for name in names]
+    middle = np.array(INSIDE[names[0]])
+    steps = np.random.default_rng(2).normal(scale=0.015, size=(200, 12, 3))
+    ropes = middle + np.cumsum(steps, axis=1)
+    away = middle + np.linspace(0.0, 0.3, 12)[:, None] * [0.0, 0.0, 1.0]
+    ropes = np.concatenate([ropes, ropes + np.array([0.0, 0.0, 0.12]), away[None], away[None, ::-1]])
+    share = np.arange(SAMPLES_PER_SEGMENT + 1)[:, None] / SAMPLES_PER_SEGMENT
+    samples = (ropes[:, :-1, None] + share * np.diff(ropes, axis=1)[:, :, None]).reshape(len(ropes), -1, 3)
+    expected = np.min([signed_distance(one, samples) for one in obstacles], axis=(0, 2)) - 0.004
+    np.testing.assert_allclose(clearance(ropes, 0.004, obstacles), expected, atol=1e-12)
