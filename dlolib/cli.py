@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from dlolib.identify import IdentifySettings
     from dlolib.learn import LearnSettings
     from dlolib.params import Params
+    from dlolib.sim.mesh import Mesh
     from dlolib.sim.rod import Rod
     from dlolib.types import Fit, Recording
 
@@ -148,8 +149,8 @@ def simulate(
 ) -> None:
     """Simulate a recording's points with a rod under the recording's own motion: dlo-recording/1."""
     from dlolib.formats import write_recording
-    from dlolib.identify import FINER, particles_for
     from dlolib.sim.continuum import SIMULATED, simulated
+    from dlolib.sim.mesh import FINER
 
     # any recording has that file
     check_out(out, "recording.json", recording, fit, verdict, said=f'"{SIMULATED}')
@@ -160,10 +161,10 @@ def simulate(
     given = replace(read, rope=known.rope)
     known = replace(known, parameters={**known.parameters, **parse_effects(effects or [])})
     check_places(known.rope, known.parameters)
-    settings = _identify_settings()
-    rod = _rod(known, particles_for(known.rope.length_m, settings))
+    mesh, sweeps = _mesh()
+    rod = _rod(known, mesh.particles_for(known.rope.length_m))
     # corrected as identification corrects, so that a fit is played back as it was made
-    write_recording(simulated(given, rod, settings.time_step_s, settings.sweeps, FINER), out)
+    write_recording(simulated(given, rod, mesh.time_step_s, sweeps, FINER), out)
     _say(f"{out}: {len(given.points.s_m)} simulated points of {read.name}")
 
 
@@ -243,13 +244,12 @@ def learn(
 ) -> None:
     """Learn how to move the held end so that the rope reaches the goal shape without contact."""
     from dlolib.formats import read_layout
-    from dlolib.identify import particles_for
     from dlolib.learn import learn as learn_layout
     from dlolib.learn import write_learned
 
     check_out(out, "policy.npz", layout, fit, verdict)
     goal = read_layout(layout)
-    settings = replace(_learn_settings(), particles=particles_for(goal.rope.length_m, _identify_settings()))
+    settings = replace(_learn_settings(), particles=_mesh()[0].particles_for(goal.rope.length_m))
     known = rope_values(goal.rope, goal.name, _known(fit, verdict), parse_values(values or []))
     rod = _rod(_of_the_rope(known), settings.particles)
     learned = learn_layout(replace(goal, rope=known.rope), rod, settings)
@@ -390,6 +390,18 @@ def _rod(known: RopeValues, particles: int = 30) -> Rod:
     return Rod.of(known.rope, known.parameters, particles)
 
 
+def _mesh() -> tuple[Mesh, int | None]:
+    """The mesh of every simulation, and the iterative solver's sweeps; None for the direct one."""
+    from dlolib.sim.mesh import Mesh
+
+    params = _params()
+    if params is None:
+        return Mesh(), None
+    rod = params.rod
+    mesh = Mesh(rod.particles, rod.longest_segment_m, rod.time_step_s)
+    return mesh, rod.sweeps if rod.solver == "iterative" else None
+
+
 def _identify_settings() -> IdentifySettings:
     """Settings of identification and of the rod that it shares with simulation."""
     from dlolib.identify import IdentifySettings
@@ -397,12 +409,10 @@ def _identify_settings() -> IdentifySettings:
     params = _params()
     if params is None:
         return IdentifySettings()
-    rod, block = params.rod, params.identify
+    (mesh, sweeps), block = _mesh(), params.identify
     return IdentifySettings(
-        particles=rod.particles,
-        longest_segment_m=rod.longest_segment_m,
-        time_step_s=rod.time_step_s,
-        sweeps=rod.sweeps if rod.solver == "iterative" else None,
+        **asdict(mesh),
+        sweeps=sweeps,
         parameters=None if block.parameters is None else tuple(block.parameters),
         iterations=block.iterations,
         heldout_share=block.heldout_share,
@@ -416,13 +426,8 @@ def _diagnose_settings(without: tuple[str, ...]) -> DiagnoseSettings:
     params = _params()
     if params is None:
         return DiagnoseSettings(without=without)
-    rod, block = params.rod, params.diagnose
-    return DiagnoseSettings(
-        **{**block.model_dump(), "without": (*block.without, *without)},
-        particles=rod.particles,
-        longest_segment_m=rod.longest_segment_m,
-        time_step_s=rod.time_step_s,
-    )
+    given = params.diagnose.model_dump()
+    return DiagnoseSettings(**asdict(_mesh()[0]), **{**given, "without": (*given["without"], *without)})
 
 
 def _learn_settings() -> LearnSettings:

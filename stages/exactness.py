@@ -11,8 +11,8 @@ import numpy as np
 from mujoco import minimize
 from scipy.optimize import least_squares
 
-from dlolib.identify import FINER
 from dlolib.sim.continuum import MOST_CORRECTIONS, mesh_error, refined, stands
+from dlolib.sim.mesh import FINER
 from dlolib.sim.recording import RecordingModel
 from dlolib.sim.rod import Rod
 from dlolib.sim.sides import Prediction

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 from dlolib.cli_values import rope_values
 from dlolib.formats import read_layout, read_verdict, say
-from dlolib.identify import particles_for
 from dlolib.learn import LearnSettings, ablate, learn, write_learned
 from dlolib.params import Learn, Rod, load_block
 from dlolib.sim.effects import of_the_rope
+from dlolib.sim.mesh import Mesh
 from dlolib.sim.rod import Rod as SimulatedRod
 from dlolib.types import Fit, Layout
 from stages import DATA, REPORTS, WITHOUT, run, write_metrics
@@ -45,7 +45,7 @@ def settings(length_m: float) -> LearnSettings:
     given = block.model_dump(exclude={"verdict_of", "ablation", "bounds", "hidden"})
     return LearnSettings(
         **given,
-        particles=particles_for(length_m, rod),
+        particles=Mesh(rod.particles, rod.longest_segment_m).particles_for(length_m),
         hidden=(block.hidden[0], block.hidden[1]),
         bounds=tuple(block.bounds.model_dump().values()),
     )

@@ -12,7 +12,6 @@ import numpy as np
 from dlolib.diagnose.nuisances import FARTHEST, begins_unseen, bounded, held, swung
 from dlolib.diagnose.whitening import Whitener
 from dlolib.errors import ParameterError, SimulationError
-from dlolib.identify import particles_for
 from dlolib.identify.intervals import FEWEST_POSES, poses
 from dlolib.identify.parameters import ACTS_M, LOGARITHM_SCALE, UNBENT, Unknown, within
 from dlolib.identify.problem import axes
@@ -20,6 +19,7 @@ from dlolib.sim.begun import STANDARD_GRAVITY_M_S2
 from dlolib.sim.continuum import refined
 from dlolib.sim.effects import EFFECTS, parameter
 from dlolib.sim.effects.base import Hint, forms, sizes
+from dlolib.sim.mesh import Mesh
 from dlolib.sim.moments import moments
 from dlolib.sim.poses import Model, model_of, near
 from dlolib.sim.recording import RecordingModel, first_points
@@ -44,11 +44,10 @@ Point = Mapping[Unknown, float]
 
 
 @dataclass(frozen=True)
-class DiagnoseSettings:
-    """How to diagnose.
+class DiagnoseSettings(Mesh):
+    """How to diagnose, on which mesh.
 
     Args:
-        particles, longest_segment_m, time_step_s: of the rod, as in `IdentifySettings`.
         without: effects taken out of the library.
         chance: how unlikely the gain of an effect must be by chance, for a mismatch to be there or a further
             effect to be worth its place.
@@ -63,9 +62,6 @@ class DiagnoseSettings:
         seed: of the bootstraps.
     """
 
-    particles: int = 30
-    longest_segment_m: float = 0.016
-    time_step_s: float = 0.01
     without: tuple[str, ...] = ()
     chance: float = 5e-5
     tie: float = 6.0
@@ -283,7 +279,7 @@ def seen_as(recording: Recording, used: Bools, whitener: Whitener, settings: Dia
         xyz_m=points.xyz_m[used], covariance_m2=covariance,
     )  # fmt: skip
     length = recording.rope.length_m
-    n = particles_for(length, settings)
+    n = settings.particles_for(length)
     step_s = dynamic_step(recording.motion, settings.time_step_s)
     if recording.quasi_static:
         step_s = max(step_s, float(np.ptp(points.t_s)) / MOST_STEPS)

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from autograd.misc.optimizers import sgd
 
-from dlolib.identify.identify import IdentifySettings, particles_for
+from dlolib.identify.identify import IdentifySettings
 from dlolib.identify.problem import axes
 from dlolib.progress import track
 from dlolib.sim.iterative import stiffness_from_alpha_b
@@ -44,7 +44,7 @@ def descend(recording: Recording, descent: DescentSettings, settings: IdentifySe
 
     dL/dalpha_b = sum over frames and points of (x - y) / |x - y| . dx/dEI dEI/dalpha_b / n.
     """
-    n = particles_for(recording.rope.length_m, settings)
+    n = settings.particles_for(recording.rope.length_m)
     model = model_of(recording, n, settings.time_step_s)
     per_frame = 1.0 / pd.Series(recording.points.frame).groupby(recording.points.frame).transform(
         "size"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 import pandas as pd
@@ -18,6 +17,7 @@ from dlolib.identify.problem import Bools, Problem, axes, check_held_ends, check
 from dlolib.progress import track
 from dlolib.sim.continuum import MOST_CORRECTIONS, known_mesh_error, refined, stands
 from dlolib.sim.effects import of_the_rope
+from dlolib.sim.mesh import FINER, Mesh
 from dlolib.sim.poses import model_of, near
 from dlolib.sim.rod import Rod, unit_of
 from dlolib.sim.steps import dynamic_step
@@ -29,20 +29,15 @@ LOG = logging.getLogger(__name__)
 # EI over linear density where the search begins [m^4/s^2]: a decade either side is tried as well.
 FIRST_STIFFNESS_M4_S2 = (1e-3, 1e-2, 1e-1)
 START_FACTORS = (1.0, 0.1, 10.0)
-# The mesh of the discretisation correction, so many times as fine; no rope needs more particles than this.
-FINER, MOST_PARTICLES = 4, 2000
 # A value this near to its bound, in what counts as a change of one, is at it.
 AT_BOUND = 1e-3
 
 
 @dataclass(frozen=True)
-class IdentifySettings:
-    """How to identify.
+class IdentifySettings(Mesh):
+    """How to identify, on which mesh.
 
     Args:
-        particles: n, at least; more where segments would be longer than `longest_segment_m`.
-        longest_segment_m: see above [m].
-        time_step_s: longest step of the dynamic clock; quasi-static recordings need none.
         sweeps: None for the direct solver; the paper's iterative one with so many iterations a step.
         parameters: names to fit, or None for those that act (see `parameters.candidates`).
         iterations: at most this many steps of least squares.
@@ -50,9 +45,6 @@ class IdentifySettings:
             does not say which.
     """
 
-    particles: int = 30
-    longest_segment_m: float = 0.016
-    time_step_s: float = 0.01
     sweeps: int | None = None
     parameters: tuple[str, ...] | None = None
     iterations: int = 50
@@ -75,31 +67,6 @@ class Identified:
     rmse_m: tuple[float, ...]
     heldout_rmse_m: float | None
     heldout_frames: int
-
-
-class Mesh(Protocol):
-    """How finely a rope is discretised."""
-
-    @property
-    def particles(self) -> int: ...
-
-    @property
-    def longest_segment_m(self) -> float: ...
-
-
-def particles_for(length_m: float, settings: Mesh) -> int:
-    """n for a rope of this length: no segment is longer than `longest_segment_m`.
-
-    Raises:
-        ParameterError: they are more than any rope needs.
-    """
-    count = int(np.ceil(length_m / settings.longest_segment_m)) + 1
-    if count > MOST_PARTICLES:
-        segments = f"segments of {settings.longest_segment_m:g} m"
-        problem = f"a rope of {length_m:g} m in {segments} has {count} particles"
-        mend = f"give metres, at least {length_m / MOST_PARTICLES:.2g}; check the rope's length"
-        raise ParameterError(problem, place="rod.longest_segment_m", mend=mend)
-    return max(settings.particles, count)
 
 
 def identify(
@@ -160,7 +127,7 @@ def _begin(
     """The problem with every candidate, at the stiffness given or the best of a few, decades apart."""
     models, rods, used = [], [], []
     for k, recording in enumerate(recordings):
-        n = particles_for(recording.rope.length_m, settings)
+        n = settings.particles_for(recording.rope.length_m)
         step_s = settings.time_step_s
         if settings.sweeps is None:
             step_s = dynamic_step(recording.motion, step_s)
@@ -409,4 +376,4 @@ def _history(problem: Problem, history: Sequence[Floats]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-__all__ = ["Identified", "IdentifySettings", "axes", "identify", "paper_loss", "particles_for", "rms"]
+__all__ = ["Identified", "IdentifySettings", "axes", "identify", "paper_loss", "rms"]

@@ -9,7 +9,7 @@ from sim.ropes import EI, ROPE
 from sim.test_recording import recording
 
 from dlolib.errors import ParameterError, SimulationError
-from dlolib.identify import IdentifySettings, identify, particles_for
+from dlolib.identify import IdentifySettings, identify
 from dlolib.sim.continuum import simulated
 from dlolib.sim.rod import Rod
 from dlolib.types import Estimate, Recording
@@ -32,7 +32,7 @@ def test_recordings_of_one_name() -> None:
 
 def test_segments_in_micrometres() -> None:
     with pytest.raises(ParameterError, match="a rope of 0.445 m in segments of 1e-05 m has 44501 particles"):
-        particles_for(0.445, replace(SETTINGS, longest_segment_m=1e-5))
+        replace(SETTINGS, longest_segment_m=1e-5).particles_for(0.445)
 
 
 def test_recordings_of_known_and_of_unknown_roll() -> None:
