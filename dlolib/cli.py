@@ -325,7 +325,8 @@ def report(
     """Write report.html and report.pdf, with their numbers in report.json."""
     from dlolib.report import build_report
 
-    params = _params()
+    # what this folder's params.yaml says is of what lies here, and of no other results
+    params = _params() if results.resolve() == Path("reports").resolve() else None
     page = build_report(
         results,
         out,

@@ -28,6 +28,8 @@ def main(name: str) -> None:
         say([f"{', '.join(stay)}: of the recording {block.verdict_of} and not of the rope, left out"])
     chosen = settings(layout.rope.length_m)
     learned = learn(layout, rod, chosen)
+    if not learned.free:
+        say([f"{name}: no path with the clearance asked for was found; no robot goes this one"])
     ablation = None
     if block.ablation.layout == name:
         shorter = replace(chosen, iterations=block.ablation.iterations)

@@ -24,6 +24,7 @@ from dlolib.errors import MotionRefused
 from dlolib.execute.limits import Limits
 from dlolib.execute.robots import ROBOTS, Robot
 from dlolib.execute.stream import STOPPING, check_robot, drive
+from dlolib.execute.surroundings import Surroundings
 
 
 class Report:
@@ -61,7 +62,8 @@ def run(robot: Robot, job: dict[str, Any], path: Any, interrupted: threading.Eve
 
     Args:
         robot: connected.
-        job: `limits`; `rows`, the trajectory's poses (T, 6); `raw`, the recorder's file.
+        job: `limits`; `around`, what the held end must not enter; `rows`, the trajectory's poses (T, 6);
+            `raw`, the recorder's file.
         path: poses one controller period apart (N, 6).
         interrupted: ends the motion.
         report: of what happens.
@@ -70,7 +72,7 @@ def run(robot: Robot, job: dict[str, Any], path: Any, interrupted: threading.Eve
         MotionRefused: before the first motion.
     """
     limits, rows, raw = Limits(**job["limits"]), np.array(job["rows"]), Path(job["raw"])
-    check_robot(robot, rows, limits)
+    report.say("said", lines=check_robot(robot, rows, limits, Surroundings.read(job["around"])))
     if interrupted.is_set():
         raise MotionRefused("interrupted before the first motion", mend="run it again")
     _check_recorder(raw)

@@ -25,6 +25,8 @@ LARGEST_LAG_S = 0.5
 CURVE_STEP_M = 2e-5
 ROUNDING_M = 1e-9
 FAR_M = 1e3
+# A controller's demand is smoothed, and still nearer than this to the trajectory that it was given.
+ANOTHER_M = 5e-3
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,9 @@ class ExecutionResult:
     samples: rows of the log. tracking_error_m: root mean square distance [m] between the recorded tool
     and the path at equal time, None where nothing was streamed. path_error_m: largest distance [m] of the
     recorded tool from the path, whatever the time. lag_s: the delay [s] that explains most of the
-    tracking error. streamed_from_s: the controller's time [s] when the path began.
+    tracking error. streamed_from_s: the controller's time [s] when the path began. demanded_error_m: largest
+    distance [m] of the demanded tool from the path, None where the log does not tell. of_another: whether
+    that says that another trajectory was run.
     """
 
     completed: bool
@@ -45,6 +49,8 @@ class ExecutionResult:
     path_error_m: float | None = None
     lag_s: float | None = None
     streamed_from_s: float | None = None
+    demanded_error_m: float | None = None
+    of_another: bool = False
 
     @property
     def exit_status(self) -> int:
@@ -109,7 +115,7 @@ def read_log(folder: Path) -> RobotLog:
     actual = _numbers(table, columns({"actual_TCP_pose": 6}), file)
     targets = columns({"target_TCP_pose": 6})
     target = _numbers(table, targets, file) if set(targets) <= set(table) else np.full_like(actual, np.nan)
-    return RobotLog(t_s, actual, target, _result(Path(folder) / "result.json"))
+    return RobotLog(t_s, actual, target, read_result(Path(folder) / "result.json"))
 
 
 def evaluate(log: RobotLog, path: Motion) -> ExecutionResult:
@@ -129,7 +135,10 @@ def evaluate(log: RobotLog, path: Motion) -> ExecutionResult:
     if error is None:
         return ExecutionResult(completed, reason, len(log.t_s), None)
     lag = _least(log, path, (began, began + LARGEST_LAG_S)) - began
-    return ExecutionResult(completed, reason, len(log.t_s), error, path_error(log, path, began), lag, began)
+    away_m = path_error(log.t_s, log.actual, path, began)
+    demanded_m = path_error(log.t_s, log.target, path, began) if np.isfinite(log.target).all() else None
+    another = demanded_m is not None and demanded_m > ANOTHER_M
+    return ExecutionResult(completed, reason, len(log.t_s), error, away_m, lag, began, demanded_m, another)
 
 
 def tracking_error(log: RobotLog, path: Motion, start_s: float) -> float | None:
@@ -146,11 +155,11 @@ def tracking_error(log: RobotLog, path: Motion, start_s: float) -> float | None:
     return float(np.sqrt(np.mean(np.sum(away**2, axis=1))))
 
 
-def path_error(log: RobotLog, path: Motion, start_s: float) -> float:
-    """Largest distance [m] of the recorded tool from the path as a curve, from start_s [s] on."""
+def path_error(t_s: Floats, poses: Floats, path: Motion, start_s: float) -> float:
+    """Largest distance [m] of poses (N, 6) at times (N,) from the path as a curve, from start_s [s] on."""
     longest_m = float(np.linalg.norm(np.diff(sampled(path, SEARCH_S)[:, :3], axis=0), axis=1).max())
     curve = sampled(path, SEARCH_S * min(1.0, CURVE_STEP_M / max(longest_m, ROUNDING_M)))
-    away, _ = KDTree(curve[:, :3]).query(log.actual[log.t_s >= start_s, :3])
+    away, _ = KDTree(curve[:, :3]).query(poses[t_s >= start_s, :3])
     return float(np.max(away))
 
 
@@ -183,7 +192,12 @@ def _numbers(table: pd.DataFrame, names: list[str], file: Path) -> Floats:
     return values
 
 
-def _result(file: Path) -> dict[str, Any]:
+def read_result(file: Path) -> dict[str, Any]:
+    """The content of a result.json, empty where there is none.
+
+    Raises:
+        FormatError: it is not JSON.
+    """
     if not file.is_file():
         return {}
     try:

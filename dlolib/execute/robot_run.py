@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import shutil
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
-from dlolib.errors import FormatError
+from dlolib.errors import FormatError, MotionRefused
 from dlolib.execute.config import read_robot
 from dlolib.execute.limits import RobotConfig
 from dlolib.execute.log import (
     ExecutionResult,
     RobotLog,
     evaluate,
-    path_error,
     read_log,
+    read_result,
     without_repeats,
     write_log,
     write_result,
@@ -24,21 +21,22 @@ from dlolib.execute.log import (
 from dlolib.execute.path import check_path, path_in_base
 from dlolib.execute.stream import Outcome
 from dlolib.execute.supervise import move
+from dlolib.execute.surroundings import Surroundings
 from dlolib.files import whole_file, write_json
-from dlolib.formats import read_motion, say
+from dlolib.formats import LEARNED_FOR, read_layout, read_motion, say
 from dlolib.types import Motion
 
 RAW = ".recording.csv"
-# A controller's demand is smoothed, and still nearer than this to the trajectory that it was given.
-ANOTHER_M = 5e-3
 
 
 def execute_on_robot(trajectory: Motion | Path, host: str, config: RobotConfig, out: Path) -> ExecutionResult:
     """Run a trajectory on the robot at `host`; the paper's Section V-C experiment.
 
     The whole path is checked first: workspace, reach, speed, sampling, acceleration, then what the robot
-    itself says. It is approached slowly in a straight line and streamed at the controller's rate. A lost
-    connection, a protective stop, Ctrl-C and a closed terminal end the motion; the log up to there is kept.
+    itself says, and that the held end enters no obstacle of the layout beside the trajectory, on the way to
+    its first pose either; what was learned and touches is refused. It is approached slowly in a straight line
+    and streamed at the controller's rate. A lost connection, a protective stop, Ctrl-C and a closed terminal
+    end the motion; the log up to there is kept.
 
     Args:
         trajectory: poses of the moved end in the world, or the trajectory.csv that holds them.
@@ -57,11 +55,35 @@ def execute_on_robot(trajectory: Motion | Path, host: str, config: RobotConfig, 
     motion = read_motion(trajectory) if isinstance(trajectory, Path) else trajectory
     path = path_in_base(motion, config)
     check_path(path, config.limits, file)
+    around = Surroundings() if file is None else _learned_among(file, config)
     raw = out / RAW
-    outcome = move(config, host, path, raw, lambda: _without_earlier(out))
+    outcome = move(config, host, path, around, raw, lambda: _without_earlier(out))
     write_log(without_repeats(raw), out)
     raw.unlink()
     return _conclude(out, path, outcome, config)
+
+
+def _learned_among(file: Path, config: RobotConfig) -> Surroundings:
+    """The obstacles of the layout that `dlo learn` left beside a trajectory; without it that is said.
+
+    Raises:
+        MotionRefused: the path was learned, and touches.
+    """
+    result, layout = file.with_name("result.json"), file.with_name(LEARNED_FOR)
+    if not layout.is_dir():
+        says = (
+            "what stands around is not known, and the straight way to the first pose is held against nothing"
+        )
+        say([f"{file}: no {LEARNED_FOR}/ beside it as `dlo learn` leaves it: {says}"])
+        return Surroundings()
+    if read_result(result).get("free_of_contact") is False:
+        raise MotionRefused(
+            "no path with the clearance asked for was found: this one comes too near to an obstacle",
+            file=result,
+            place="free_of_contact",
+            mend="learn it anew, with more iterations or another layout",
+        )
+    return Surroundings.of(read_layout(layout), config)
 
 
 def execute_from_log(trajectory: Motion, folder: Path, out: Path) -> ExecutionResult:
@@ -80,7 +102,7 @@ def execute_from_log(trajectory: Motion, folder: Path, out: Path) -> ExecutionRe
     config = read_robot(robot if robot.is_file() else None)
     path = path_in_base(trajectory, config)
     result = evaluate(log, path)
-    say(_of_another(log, path, result, folder / "log.csv"))
+    say(_of_another(result, folder / "log.csv"))
     out.mkdir(parents=True, exist_ok=True)
     with whole_file(out / "log.csv") as copy:
         shutil.copyfile(folder / "log.csv", copy)
@@ -89,15 +111,13 @@ def execute_from_log(trajectory: Motion, folder: Path, out: Path) -> ExecutionRe
     return result
 
 
-def _of_another(log: RobotLog, path: Motion, result: ExecutionResult, file: Path) -> list[str]:
+def _of_another(result: ExecutionResult, file: Path) -> list[str]:
     """That the poses which were demanded of the robot are not those of the trajectory."""
-    if result.streamed_from_s is None or not np.isfinite(log.target).all():
+    if result.demanded_error_m is None or not result.of_another:
         return []
-    away_m = path_error(replace(log, actual=log.target), path, result.streamed_from_s)
-    problem = f"what was demanded is up to {1e3 * away_m:.3g} mm from this trajectory"
+    problem = f"what was demanded is up to {1e3 * result.demanded_error_m:.3g} mm from this trajectory"
     mend = "give the one that was run"
-    place = "column target_TCP_pose_0"
-    return [str(FormatError(problem, file=file, place=place, mend=mend))] if away_m > ANOTHER_M else []
+    return [str(FormatError(problem, file=file, place="column target_TCP_pose_0", mend=mend))]
 
 
 def _without_earlier(out: Path) -> None:

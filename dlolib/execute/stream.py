@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from dlolib.errors import MotionRefused
 from dlolib.execute.limits import Limits, outside
 from dlolib.execute.robots.base import Robot
+from dlolib.execute.surroundings import Surroundings
 from dlolib.progress import track
 from dlolib.types import Floats
 
@@ -26,6 +27,9 @@ SETTLE_S = 2.0
 CHECKED_M, CHECKED_RAD = 0.005, 0.05
 THERE = "on the way to the first pose"
 MOVE = "move the path or the base"
+ROUND = "jog it to the trajectory's start, round the obstacles"
+DENIES = "the robot denies even the pose in which it stands, so that it was not asked about any other"
+NOTHING_KNOWN = Surroundings()
 # Ctrl-C, an end from outside, a terminal that was closed or a line that dropped.
 STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 DONE = "the end of the trajectory was reached"
@@ -40,33 +44,45 @@ class Outcome:
     streamed_from_s: float | None
 
 
-def check_robot(robot: Robot, poses: Floats, limits: Limits) -> None:
+def check_robot(
+    robot: Robot, poses: Floats, limits: Limits, around: Surroundings = NOTHING_KNOWN
+) -> list[str]:
     """Everything that only the robot can tell; nothing moves.
 
     Args:
         robot: connected, not yet armed; it is armed here.
         poses: rows of the path (T, 6), in the base frame.
         limits: of the robot.
+        around: what the held end must not enter.
+
+    Returns:
+        What could not be asked, for a person.
 
     Raises:
         MotionRefused: it is stopped or not running, stands outside the limits (the way to the first pose
-            is straight, box and reach are convex, so its two ends decide), or forbids a pose itself, of the
-            path or on the way to it.
+            is straight, box and reach are convex, so its two ends decide), would take the held end into an
+            obstacle, or forbids a pose itself, of the path or on the way to it.
     """
     if (problem := robot.trouble()) is not None:
         raise MotionRefused(problem, place="the robot", mend="clear it on the pendant, then try again")
     if (left := outside(robot.pose()[None, :3], limits)) is not None:
         raise MotionRefused(left[1], place="where the robot stands", mend="jog it to the trajectory's start")
-    robot.arm()
     there, way = _way_there(robot.pose(), poses[0]), _way(poses)
     even = np.linspace(0.0, way[-1], int(np.ceil(way[-1])) + 1)
-    if (forbidden := robot.forbids(np.concatenate([there, _at(poses, way, even)]))) is not None:
+    asked, places = np.concatenate([there, _at(poses, way, even)]), _places(there, way, even)
+    if (entered := around.entered(asked)) is not None:
+        number, why = entered
+        raise MotionRefused(why, place=places[number], mend=ROUND if number < len(there) else MOVE)
+    robot.arm()
+    answers = robot.answers()
+    if answers and (forbidden := robot.forbids(asked)) is not None:
         number, why = forbidden
-        raise MotionRefused(f"the pose is outside {why}", place=_places(there, way, even)[number], mend=MOVE)
+        raise MotionRefused(f"the pose is outside {why}", place=places[number], mend=MOVE)
     if limits.joints_rad is not None:
         each = np.union1d(way, even)
         asked = np.concatenate([there, _at(poses, way, each)])
         _check_joints(robot, asked, _places(there, way, each), np.array(limits.joints_rad))
+    return [] if answers else [DENIES]
 
 
 def _way_there(here: Floats, first: Floats) -> Floats:

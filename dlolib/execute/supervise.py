@@ -21,6 +21,8 @@ from dlolib.execute.limits import Limits, RobotConfig
 from dlolib.execute.path import check_samples, sampled, tool_vectors
 from dlolib.execute.robots import ROBOTS
 from dlolib.execute.stream import STOPPING, Outcome
+from dlolib.execute.surroundings import Surroundings
+from dlolib.formats import say
 from dlolib.types import Motion
 
 POLL_S = 0.05
@@ -48,13 +50,16 @@ def interruptions() -> Iterator[threading.Event]:
             signal.signal(number, handler)
 
 
-def move(config: RobotConfig, host: str, path: Motion, raw: Path, begins: Callable[[], None]) -> Outcome:
+def move(
+    config: RobotConfig, host: str, path: Motion, around: Surroundings, raw: Path, begins: Callable[[], None]
+) -> Outcome:
     """Run `dlolib.execute.driver` on a checked path (base frame) and return how it ended.
 
     Args:
         config: which robot, and its limits.
         host: name or address of its controller.
         path: the tool's poses over time in the base frame.
+        around: what the held end must not enter.
         raw: file for the recorder.
         begins: called when the first motion begins.
 
@@ -65,6 +70,7 @@ def move(config: RobotConfig, host: str, path: Motion, raw: Path, begins: Callab
         "robot": config.robot,
         "host": host,
         "limits": asdict(config.limits),
+        "around": around.content(),
         "raw": str(raw.absolute()),
         "rows": tool_vectors(path).tolist(),
     }
@@ -134,6 +140,9 @@ class _Driver:
             poses = sampled(self.path, event["period_s"])
             check_samples(poses, event["period_s"], self.limits)
             self._tell(poses.tolist())
+            return None
+        if event["event"] == "said":
+            say(event["lines"])
             return None
         if not self.moving:
             self.begins()

@@ -5,12 +5,13 @@ from dlolib.formats.doubts import motion_doubts, moves, say
 from dlolib.formats.fit import read_fit, write_fit
 from dlolib.formats.geometry import nearest_distance, signed_distance
 from dlolib.formats.given import Given, read_given, read_given_motion
-from dlolib.formats.layout import read_layout, write_layout
+from dlolib.formats.layout import LEARNED_FOR, read_layout, write_layout
 from dlolib.formats.motion import interpolate_motion, read_motion, write_motion
 from dlolib.formats.recording import read_recording, write_recording
 from dlolib.formats.verdict import read_verdict, write_verdict
 
 __all__ = [
+    "LEARNED_FOR",
     "Given",
     "interpolate_motion",
     "motion_doubts",

@@ -18,6 +18,8 @@ from dlolib.formats.geometry import signed_distance
 from dlolib.types import Floats, Layout, Pose
 
 FORM = "dlo-layout/1"
+# In a folder beside a learned trajectory: the layout that it was learned for.
+LEARNED_FOR = "layout"
 SLACK = 1.02
 STEP_M = 0.002
 

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from dlolib.files import whole_file, whole_folder, write_csv, write_json
-from dlolib.formats import write_motion
+from dlolib.formats import LEARNED_FOR, write_layout, write_motion
 from dlolib.learn.learn import Learned
 from dlolib.learn.policy import Policy
 from dlolib.types import Floats, Motion
@@ -24,7 +24,8 @@ EPOCH = (1980, 1, 1, 0, 0, 0)
 def write_learned(learned: Learned, folder: Path, ablation: pd.DataFrame | None = None) -> dict[str, Any]:
     """Write trajectory.csv, policy.npz, curve.csv, shapes.csv and result.json, whole or not at all.
 
-    With an ablation also ablation.csv.
+    Beside them stands the layout that it was learned for, which a robot is kept out of. With an ablation also
+    ablation.csv.
 
     Returns:
         The content of result.json.
@@ -32,6 +33,7 @@ def write_learned(learned: Learned, folder: Path, ablation: pd.DataFrame | None 
     content = result(learned)
     with whole_folder(Path(folder)) as temporary:
         write_motion(trajectory(learned), temporary / "trajectory.csv")
+        write_layout(learned.layout, temporary / LEARNED_FOR)
         _write_policy(learned.policy, temporary / "policy.npz")
         write_csv(temporary / "curve.csv", learned.curve)
         write_csv(temporary / "shapes.csv", _shapes(learned))

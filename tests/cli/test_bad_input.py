@@ -297,6 +297,18 @@ def test_another_projects_params_yaml_sets_nothing(tmp_path: Path, monkeypatch: 
     assert run(["simulate", str(recording), *EI, "--out", "out"]) == 0
 
 
+def test_a_report_of_other_results_takes_nothing_from_this_folders_parameters(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+    monkeypatch.setattr("dlolib.report.build_report", lambda *_, **given: asked.append(given["parameters"]))
+    (tmp_path / "params.yaml").write_text((ROOT / "params.yaml").read_text(encoding="utf-8"), "utf-8")
+    monkeypatch.chdir(tmp_path)
+    for results in ("reports", "elsewhere"):
+        assert run(["report", results, "--out", "out"]) == 0
+    assert asked[0] is not None and asked[1] is None
+
+
 def test_a_report_of_nothing(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     assert "nowhere" in refusal(capfd, tmp_path, "report", tmp_path / "nowhere")
 

@@ -17,6 +17,7 @@ from typing import cast
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.spatial.transform import Rotation
 
 from dlolib.errors import MotionRefused
 from dlolib.execute import ExecutionResult, Limits, RobotConfig, execute_from_log, execute_on_robot, read_log
@@ -24,10 +25,10 @@ from dlolib.execute.recorded import columns
 from dlolib.execute.robots import Robot
 from dlolib.execute.robots.ur import end_program
 from dlolib.execute.stream import check_robot
-from dlolib.formats import write_motion
-from dlolib.types import Floats, Motion
+from dlolib.formats import LEARNED_FOR, write_layout, write_motion
+from dlolib.types import Ends, Floats, Layout, Motion, Obstacle, Pose, Rope
 
-from .conftest import FIRST_M, StandIn, arc, stand_ins
+from .conftest import FIRST_M, TURN, StandIn, arc, stand_ins
 
 Start = Callable[..., StandIn]
 CALL = """
@@ -124,6 +125,7 @@ def test_a_folder_of_logs_gives_the_runs_own_figures(
     other = execute_from_log(elsewhere, out, tmp_path / "other")
     assert other.path_error_m is not None
     assert other.path_error_m > 0.005
+    assert other.of_another and not result.of_another
     (line,) = (record.getMessage() for record in caplog.records)
     assert "mm from this trajectory; give the one that was run" in line
 
@@ -200,6 +202,61 @@ def test_what_the_robot_itself_forbids_is_refused_before_any_motion(
         execute_on_robot(arc(), robot.host, RobotConfig(limits=limits), tmp_path / "out")
     assert not robot.moved()
     assert not (tmp_path / "out").exists()
+
+
+def test_a_robot_that_denies_where_it_stands_is_not_asked_and_that_is_said(
+    robots: Start, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    result = execute_on_robot(arc(), robots("--floor", "0.9").host, RobotConfig(), tmp_path / "out")
+    assert result.completed
+    assert any("denies even the pose in which it stands" in record.getMessage() for record in caplog.records)
+
+
+def test_a_refusal_leaves_no_program_on_the_controller(robots: Start, tmp_path: Path) -> None:
+    robot = robots("--floor", "0.31", "--pose", "0.40", "0.0", "0.32", "1.2", "1.2", "1.2")
+    with pytest.raises(MotionRefused, match="safety limits"):
+        execute_on_robot(arc(), robot.host, RobotConfig(), tmp_path / "out")
+    wait_until(lambda: robot.commands() == ["script", "stopScript"])
+
+
+def learned(folder: Path, free: bool, centre_m: tuple[float, float, float]) -> Path:
+    """The half circle as `dlo learn` leaves it, among one sphere of 10 mm."""
+    folder.mkdir()
+    write_motion(arc(), folder / "trajectory.csv")
+    (folder / "result.json").write_text(json.dumps({"free_of_contact": free}))
+    still = Pose(np.array([0.1, 0.0, 0.3]), np.array(TURN))
+    sphere = Obstacle("sphere", {"center_m": centre_m, "radius_m": (0.01,)})
+    goal_m = np.linspace([0.1, 0.0, 0.3], [0.46, 0.0, 0.3], 20)
+    rope, gravity = Rope("made up", 0.5, diameter_m=0.008), np.array([0.0, 0.0, -9.81])
+    grasp = Pose(np.array(FIRST_M), np.array(TURN))
+    at_m = np.linspace(0.0, 0.36, 20)
+    layout = Layout("bench", rope, gravity, Ends(), (sphere,), still, grasp, at_m, goal_m)
+    write_layout(layout, folder / LEARNED_FOR)
+    return folder / "trajectory.csv"
+
+
+def test_the_way_to_the_first_pose_is_held_against_the_obstacles_learned_among(
+    robots: Start, tmp_path: Path
+) -> None:
+    """It stands where the path ends: the half circle goes round the sphere, the straight way goes by it, and
+    through it where the rope is held 10 mm off the tool."""
+    turn = [str(value) for value in Rotation.from_quat(TURN, scalar_first=True).as_rotvec()]
+    robot = robots("--pose", "0.46", "0.0", "0.30", *turn)
+    trajectory = learned(tmp_path / "bench", True, (0.43, 0.0, 0.315))
+    moved = ((1, 0, 0, 0), (0, 1, 0, 0.01), (0, 0, 1, 0), (0, 0, 0, 1))
+    with pytest.raises(MotionRefused, match=r"4\.\d mm into obstacle 0 \(sphere\)") as refused:
+        execute_on_robot(trajectory, robot.host, RobotConfig(tool_from_grasp=moved), tmp_path / "out")
+    assert refused.value.place == "on the way to the first pose" and "jog it" in str(refused.value.mend)
+    assert not robot.commands()
+    assert execute_on_robot(trajectory, robot.host, RobotConfig(), tmp_path / "out").completed
+
+
+def test_what_was_learned_and_touches_is_refused(robots: Start, tmp_path: Path) -> None:
+    robot = robots()
+    trajectory = learned(tmp_path / "bench", False, (0.43, 0.1, 0.3))
+    with pytest.raises(MotionRefused, match="comes too near to an obstacle"):
+        execute_on_robot(trajectory, robot.host, RobotConfig(), tmp_path / "out")
+    assert not robot.commands()
 
 
 def test_nobody_at_the_address_is_refused_in_one_line(tmp_path: Path) -> None:
@@ -320,6 +377,9 @@ class Elbow:
 
     def arm(self) -> None:
         pass
+
+    def answers(self) -> bool:
+        return True
 
     def forbids(self, poses: Floats) -> tuple[int, str] | None:
         bad = np.flatnonzero(np.abs(poses[:, 0] - self.forbidden_m) < 3e-3)

@@ -37,6 +37,27 @@ def test_logs_of_a_robot_stand_beside_the_plan(tmp_path: Path) -> None:
     assert "protective stop" in json.dumps(content)
 
 
+@pytest.mark.usefixtures("undrawn")
+def test_a_log_of_another_trajectory_tells_nothing_of_this_one(tmp_path: Path) -> None:
+    results = write_results(tmp_path, execution=False)
+    write_robot_log(results / "execute" / LAYOUTS[0])
+    result = results / "execute" / LAYOUTS[0] / "result.json"
+    said = {"of_another": True, "demanded_error_m": 0.03, "tracking_error_m": 0.0329}
+    write_json(result, {**json.loads(result.read_text(encoding="utf-8")), **said})
+    content = json.dumps(collect(Results(results, tmp_path / "data"), tmp_path / "figures"))
+    assert "another trajectory, which goes up to 30 mm off the one here" in content
+    assert "32.9" not in content
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_chain_of_another_capture_is_not_laid_on_this_ones_images(tmp_path: Path) -> None:
+    results, frames = write_results(tmp_path), tmp_path / "data" / "capture" / "frames.csv"
+    lines = frames.read_text(encoding="utf-8").splitlines(keepends=True)
+    frames.write_text("".join(lines[:-2]), encoding="utf-8")
+    content = collect(Results(results, tmp_path / "data"), tmp_path / "figures")
+    assert "The chain is of another capture" in json.dumps(content)
+
+
 def test_what_was_taken_out_of_the_parameters_is_no_longer_reported(results: Path) -> None:
     data, kept = results.parent / "data", ["layout_2", "layout_3"]
     paths = {"captured": "data/recordings/captured", "wire_white": "data/wires/wire_white"}

@@ -40,6 +40,10 @@ class Robot(Protocol):
         """
         ...
 
+    def answers(self) -> bool:
+        """Whether the controller can be asked about poses: it allows the one in which the robot stands."""
+        ...
+
     def forbids(self, poses: Floats) -> tuple[int, str] | None:
         """The first of the poses (N, 6) that the controller itself cannot or may not reach, and why."""
         ...

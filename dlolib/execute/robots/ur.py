@@ -63,7 +63,7 @@ class UrRobot:
         self._receive = RTDEReceiveInterface(host, rate_hz, [*RECORDED, "safety_status_bits"])
         self._control: RTDEControlInterface | None = None
         self._lost: str | None = None
-        self._recording = self._approaching = self._servoing = False
+        self._recording = self._approaching = self._servoing = self._ended = False
         self._seen_s, self._seen_at = -1.0, time.monotonic()
 
     def pose(self) -> Floats:
@@ -107,11 +107,11 @@ class UrRobot:
             mend = "enable remote control on the pendant and see that no field bus holds the input registers"
             raise MotionRefused(f"the robot at {self.host} takes no commands: {error}", mend=mend) from error
 
+    def answers(self) -> bool:
+        return bool(self._armed().isPoseWithinSafetyLimits(self.pose().tolist()))
+
     def forbids(self, poses: Floats) -> tuple[int, str] | None:
         control = self._armed()
-        if not control.isPoseWithinSafetyLimits(self.pose().tolist()):
-            # A controller that denies the place where it stands does not know the question.
-            return None
         for row, pose in enumerate(poses):
             if not control.isPoseWithinSafetyLimits(pose.tolist()):
                 return row, "the robot's own safety limits or kinematics"
@@ -160,16 +160,23 @@ class UrRobot:
             self._send(lambda: control.servoStop(deceleration_m_s2))
         else:
             self._send(lambda: control.stopL(deceleration_m_s2))
-        self._send(control.stopScript)
-        if self._lost is not None:
-            end_program(self.host)
+        self._end_program()
 
     def close(self) -> None:
-        """Let go of the three connections; the control program is ended by `stop`."""
+        """Let go of the three connections, and end the control program where no motion did."""
         self.stop_recording()
+        self._end_program()
         for client in (self._control, self._receive, self._dashboard):
             if client is not None:
                 client.disconnect()
+
+    def _end_program(self) -> None:
+        if self._control is None or self._ended:
+            return
+        self._ended = True
+        self._send(self._control.stopScript)
+        if self._lost is not None:
+            end_program(self.host)
 
     def _armed(self) -> RTDEControlInterface:
         if self._control is None:

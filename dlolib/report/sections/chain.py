@@ -27,8 +27,13 @@ def section(results: Results, figures: Path) -> Section:
     if recording is None:
         return Section("chain", TITLE, (Missing("No chain is there: `dvc repro chain` makes it."),))
     blocks: list[Block] = [Paragraph(_words(recording))]
-    if results.capture is not None and results.capture.color and results.capture.camera.fx:
-        blocks.append(_overlay(results.capture, recording, figures))
+    capture = results.capture
+    if capture is not None and not np.isin(recording.points.frame, capture.frame).all():
+        blocks.append(
+            Missing("The chain is of another capture than the one here: `dvc repro chain` makes it.")
+        )
+    elif capture is not None and capture.color and capture.camera.fx:
+        blocks.append(_overlay(capture, recording, figures))
     else:
         blocks.append(Missing("There are no images under this recording to lay the chain on."))
     error = results.chain_error

@@ -235,13 +235,21 @@ def _robot(
         blocks.append(
             Missing("The logs hold no target poses beside the actual ones, so that tracking cannot be drawn.")
         )
+    others = [name for name in names if executed[name].get("of_another")]
+    blocks += [
+        Missing(
+            f"{title(name)}: the log is of another trajectory, which goes up to "
+            f"{1e3 * executed[name]['demanded_error_m']:.0f} mm off the one here; it tells nothing of that."
+        )
+        for name in others
+    ]
     rows = [
         (
             title(name),
             "yes" if executed[name]["completed"] else "no",
             executed[name]["reason"],
             str(executed[name]["samples"]),
-            millimetres(executed[name]["tracking_error_m"], 2),
+            ABSENT if name in others else millimetres(executed[name]["tracking_error_m"], 2),
         )
         for name in names
     ]
