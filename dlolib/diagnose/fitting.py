@@ -9,6 +9,7 @@ import numpy as np
 from scipy import stats
 from scipy.optimize import least_squares
 
+from dlolib.diagnose.modes import taken
 from dlolib.diagnose.nuisances import swung
 from dlolib.diagnose.study import Point, Seen, Study, remembers
 from dlolib.diagnose.whitening import ModesOfNoise
@@ -34,7 +35,8 @@ class Fitted:
     effects: their names. unknowns: what was fitted, the nuisances too; theta and covariance in the fit's
     coordinates. chi2: of the whitened residuals, with the nuisances' priors. residuals: by recording, on its
     grid (F, columns, A), which may have places where nothing was seen; noise: how noise alone would lie in
-    them. coordinates: how many were seen. offsets_m: what a finer mesh adds to the points.
+    them. coordinates: how many were seen. taken: by how many modes are slow, what of their degrees of freedom
+    the fit took. offsets_m: what a finer mesh adds to the points.
     """
 
     effects: tuple[str, ...]
@@ -45,6 +47,7 @@ class Fitted:
     residuals: tuple[Floats, ...]
     noise: tuple[ModesOfNoise, ...]
     coordinates: int
+    taken: Mapping[int, float]
     offsets_m: tuple[Floats, ...]
     evaluations: int
 
@@ -208,11 +211,12 @@ def fitted(model: Hypothesis, theta: Floats) -> Fitted:
         shape = (*one.whitener.shape, one.observed_m.shape[1])
         grids.append(residuals[first : first + int(np.prod(shape))].reshape(shape))
         first += int(np.prod(shape))
+    covariance = covariance_of(jacobian)
     return Fitted(
-        model.effects, model.unknowns, theta, float(residuals @ residuals), covariance_of(jacobian),
-        tuple(grids),
+        model.effects, model.unknowns, theta, float(residuals @ residuals), covariance, tuple(grids),
         tuple(one.whitener.noise_modes for one in model.study.seen),
-        sum(one.observed_m.size for one in model.study.seen), model.offsets_m, model.evaluations,
+        sum(one.observed_m.size for one in model.study.seen),
+        taken(jacobian, covariance, [grid.shape for grid in grids]), model.offsets_m, model.evaluations,
     )  # fmt: skip
 
 
@@ -255,18 +259,18 @@ def awake(model: Hypothesis, theta: Floats) -> Floats | None:
 def mesh_error(study: Study, point: Point, known_m: Sequence[Floats] | None = None) -> tuple[Floats, ...]:
     """What the continuous rod adds to each recording's points, (P, 3) [m].
 
-    Where the finer rope snaps elsewhere, or has no equilibrium at all, it tells nothing: what is known stays.
+    Where the finer rope rests elsewhere, or has no equilibrium at all, it tells nothing: what is known stays.
     """
     found = []
     for k, one in enumerate(study.seen):
         otherwise = np.zeros_like(one.recording.points.xyz_m) if known_m is None else known_m[k]
         new = _extrapolated(one, study.rod(k, values_of(point, study.number(k))))
-        found.append(otherwise if new is None or continuum.elsewhere(new, one.model) else new)
+        found.append(otherwise if new is None else new)
     return tuple(found)
 
 
 def _extrapolated(one: Seen, rod: Rod) -> Floats | None:
     try:
-        return continuum.mesh_error(one.model, one.fine, rod)
+        return continuum.known_mesh_error(one.model, one.fine, rod)
     except SimulationError:
         return None

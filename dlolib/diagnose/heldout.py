@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from dlolib.diagnose.fitting import Fitted, mesh_error
 from dlolib.diagnose.residuals import tested
 from dlolib.diagnose.study import Seen, Study
+from dlolib.diagnose.whitening import MODES
 from dlolib.errors import SimulationError
 from dlolib.formats import interpolate_motion
 from dlolib.identify.problem import axes
@@ -142,7 +143,7 @@ def _black_box(study: Study, job: tuple[Fitted, int]) -> BlackBox:
             lefts[1].append(outside - out.recording.points.xyz_m - surrogate(_features(out)))
     pairs = zip(study.seen, lefts[0], strict=True)
     grids = [one.whitener(left[:, axes(one.model)]) for one, left in pairs]
-    energy = tested(grids, base.noise, len(base.unknowns)).energy
+    energy = tested(grids, base.noise, base.taken[MODES]).energy
     return BlackBox(_left(study, lefts[0]), _left(heldout, lefts[1]), energy, parameters)
 
 

@@ -99,6 +99,8 @@ def _pairs(recording: Recording) -> list[tuple[int, int]]:
     q[np.isnan(q).any(axis=2)] = (1.0, 0.0, 0.0, 0.0)
     found, used = [], set()
     for a in range(len(x)):
+        if a in used:
+            continue
         away = np.linalg.norm(x - x[a], axis=1)
         turn = 2 * np.arccos(np.clip(np.abs(np.einsum("ek,fek->fe", q[a], q)), 0, 1)).max(axis=1)
         left = np.maximum.accumulate(np.where(np.arange(len(x)) > a, away + 0.1 * turn, 0.0)) > AWAY_M
@@ -106,7 +108,7 @@ def _pairs(recording: Recording) -> list[tuple[int, int]]:
         same = [int(b) for b in there if b not in used]
         if same:
             best = min(same, key=lambda b: away[b] + 0.1 * turn[b])
-            used.add(best)
+            used |= {a, best}
             found.append((a, best))
     return found
 
@@ -285,7 +287,7 @@ def _phase(recording: Recording, first: int, last: int) -> str:
         return "all"
     x = np.nan_to_num(np.hstack([motion.start_m, motion.end_m]))
     way = float(np.linalg.norm(np.diff(x[first:last], axis=0), axis=1).sum())
-    turn = _turned(motion.end_q[first:last])
+    turn = max(_turned(q[first:last]) for q in (motion.start_q, motion.end_q))
     if way < SAME_M:
         return "turn" if turn > SAME_RAD else "rest"
     gone = np.linalg.norm(x - x[0], axis=1)
@@ -293,6 +295,7 @@ def _phase(recording: Recording, first: int, last: int) -> str:
 
 
 def _turned(q: Floats) -> float:
+    """How far an end of these frames (T, 4) turns [rad]; one that is free does not."""
     if len(q) < 2 or np.isnan(q).any():
         return 0.0
     turns = Rotation.from_quat(q, scalar_first=True)

@@ -15,6 +15,7 @@ from scipy import stats
 from scipy.fft import dctn
 
 from dlolib.diagnose.fitting import Fitted
+from dlolib.diagnose.modes import SLOWER, slow_of
 from dlolib.diagnose.study import ideal
 from dlolib.diagnose.whitening import MODES, ModesOfNoise
 from dlolib.types import Floats
@@ -26,8 +27,8 @@ UNLIKELY, NEGLIGIBLE, IDEALLY = 1e-3, 0.01, 0.05
 BADLY_KNOWN = 2.0
 # A model that leaves less than this of what it explains brings the distance to about half or below.
 LARGELY = 0.25
-# Where any of so many slow modes are less likely than this more may be missing: what gains 40 in χ² shows.
-SLOWER, AMISS = (2, 4, MODES), 0.05
+# Where any of `SLOWER` modes are less likely than this more may be missing: what gains 40 in χ² shows.
+AMISS = 0.05
 
 
 @dataclass(frozen=True)
@@ -44,13 +45,14 @@ class SlowModes:
 
 def slow_modes(model: Fitted, modes: int = MODES) -> SlowModes:
     """The test of what a model leaves: slow modes against quick ones, each against what noise would leave."""
-    return tested(model.residuals, model.noise, len(model.unknowns), modes)
+    return tested(model.residuals, model.noise, model.taken[modes], modes)
 
 
 def tested(
-    residuals: Sequence[Floats], noise: Sequence[ModesOfNoise], parameters: int, modes: int = MODES
+    residuals: Sequence[Floats], noise: Sequence[ModesOfNoise], taken: float, modes: int = MODES
 ) -> SlowModes:
-    """The same of the whitened residuals (F, columns, A) of each recording.
+    """The same of the whitened residuals (F, columns, A) of each recording, of whose slow modes' degrees of
+    freedom a fit took so many.
 
     Where places were not seen noise lies unevenly in the modes, and their energy goes as χ² of fewer degrees
     of freedom (Satterthwaite, Biometrics Bulletin 2, 1946).
@@ -58,7 +60,7 @@ def tested(
     slow = quick = expected = squared = places = 0.0
     for grid, own in zip(residuals, noise, strict=True):
         squares = dctn(grid, axes=(0, 1), norm="ortho") ** 2
-        m, n = _slow(grid.shape[0], grid.shape[1], modes)
+        m, n = slow_of(grid.shape[0], grid.shape[1], modes)
         low = squares[:m, :n]
         slow += float(low.sum())
         quick += float(squares.sum() - low.sum())
@@ -67,19 +69,11 @@ def tested(
         expected += axes * float(np.trace(covariance))
         squared += axes * float(np.sum(covariance**2))
         places += axes * own.places
-    slow_count, quick_count = expected - parameters, max(places - expected, 1.0)
+    slow_count, quick_count = expected - taken, max(places - expected, 1.0)
     scale = quick / quick_count
     energy = slow / max(slow_count, 1.0) / scale
     p = float(stats.f.sf(energy, max(slow_count, 1.0) * expected / squared, quick_count))
     return SlowModes(energy, p, slow - slow_count * scale)
-
-
-def _slow(frames: int, places: int, modes: int) -> tuple[int, int]:
-    """How many modes over frames and along the rope are slow: of a small recording half, or
-    none were quick."""
-    if max(frames, places) > modes:
-        return modes, modes
-    return (frames + 1) // 2, (places + 1) // 2
 
 
 def amiss(model: Fitted) -> bool:

@@ -30,7 +30,7 @@ from dlolib.diagnose.tasks import (
 from dlolib.diagnose.workers import Workers
 from dlolib.errors import SimulationError
 from dlolib.identify.identify import FIRST_STIFFNESS_M4_S2
-from dlolib.identify.intervals import FEWEST_POSES, poses
+from dlolib.identify.intervals import FEWEST_POSES
 from dlolib.identify.parameters import Unknown
 from dlolib.sim.effects import EFFECTS, LAWS
 from dlolib.sim.effects.base import forms, sizes
@@ -68,7 +68,7 @@ def search(study: Study, settings: DiagnoseSettings, run: Workers) -> Searched:
     models = {one.effects: one for one in _singles(study, elastic, settings, run)}
     tried: set[Effects] = set()
     # one pose cannot tell two effects apart
-    together = models and sum(poses(one.model) for one in study.seen) >= FEWEST_POSES
+    together = models and study.poses >= FEWEST_POSES
     for size in range(2, settings.most_effects + 1 if together else 0):
         best = _best(study, models)
         if size == 2 and settings.full:

@@ -193,6 +193,11 @@ class Study:
         return any(begins_unseen(one.recording) for one in parts)
 
     @property
+    def poses(self) -> int:
+        """How many poses of the ends all recordings together show, as far as that matters."""
+        return sum(poses(one.recording, one.recording.points.t_s) for one in self.seen)
+
+    @property
     def longest_s(self) -> float:
         """How long the longest recording lasts."""
         return max(float(np.ptp(one.recording.points.t_s)) for one in self.seen)
@@ -367,7 +372,7 @@ def library(
 
     One pose cannot tell a form with many parameters from any other cause: an uneven set fits every shape.
     """
-    still = sum(poses(one.model) for one in study.seen) < FEWEST_POSES
+    still = study.poses < FEWEST_POSES
     contact = any(one.recording.obstacles for one in study.seen)
     unknown = any(study.begins_unseen(k) for k in range(len(study.seen))) and not study.histories
     found = []

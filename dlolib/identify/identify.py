@@ -176,6 +176,7 @@ def _best_start(problem: Problem, theta: Floats, settings: IdentifySettings, his
     found: list[tuple[float, Floats, list[Floats]]] = []
     for factor in track(START_FACTORS, "stiffnesses to start from"):
         start = theta + np.array([np.log(factor) if u.stiffness else 0.0 for u in problem.unknowns])
+        start = np.clip(start, *problem.bounds)
         steps: list[Floats] = []
         try:
             end = _solve(problem, start, settings, steps)

@@ -8,9 +8,10 @@ from __future__ import annotations
 import numpy as np
 from scipy import stats
 
+from dlolib.formats import interpolate_motion
 from dlolib.identify.problem import Bools, Problem
 from dlolib.sim.poses import Model
-from dlolib.types import Floats, Ints
+from dlolib.types import Floats, Ints, Recording
 
 BLOCKS = 12
 # With fewer distinct poses than this, leaving out frames would only tell how well one pose was measured.
@@ -32,7 +33,7 @@ def blocks(model: Model, used: Bools) -> Ints:
     points = model.recording.points
     frames = np.unique(points.frame[used])
     at = np.searchsorted(frames, points.frame[used])
-    if min(poses(model), len(frames)) >= FEWEST_POSES:
+    if min(poses(model.recording, points.t_s[used]), len(frames)) >= FEWEST_POSES:
         return np.asarray(at * min(BLOCKS, len(frames)) // len(frames), dtype=np.int64)
     share = points.s_m[used] / model.recording.rope.length_m
     return np.minimum(share * BLOCKS, BLOCKS - 1).astype(np.int64)
@@ -74,10 +75,10 @@ def _per_block(problem: Problem, residuals: Floats, jacobian: Floats) -> tuple[F
     return normal, pull
 
 
-def poses(model: Model) -> int:
-    """How many poses of the ends the recording shows that differ by more than an arm's jitter; more than
-    `FEWEST_POSES` are not counted."""
-    motion = model.recording.motion
+def poses(recording: Recording, t_s: Floats) -> int:
+    """How many poses of the ends that differ by more than an arm's jitter are seen at these times [s]; more
+    than `FEWEST_POSES` are not counted. What the ends do between is in the motion, and in no frame."""
+    motion = interpolate_motion(recording.motion, np.unique(t_s))
     parts = [motion.start_m / JITTER_M, motion.end_m / JITTER_M]
     parts += [2 * q / JITTER_RAD for q in (motion.start_q, motion.end_q)]
     rows = np.nan_to_num(np.hstack(parts))

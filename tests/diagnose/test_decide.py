@@ -10,6 +10,7 @@ from scipy.stats import kstest
 from dlolib.diagnose.decide import COMPARED, contenders, decide
 from dlolib.diagnose.fitting import Fitted
 from dlolib.diagnose.heldout import Foretold, refuted
+from dlolib.diagnose.modes import SLOWER
 from dlolib.diagnose.residuals import explains, helps, slow_modes
 from dlolib.diagnose.search import Searched
 from dlolib.diagnose.study import DiagnoseSettings
@@ -33,7 +34,7 @@ def left(effects, chi2, parameters=2):
     count, size = len(unknowns), NOISE.size
     return Fitted(
         effects, unknowns, np.zeros(count), size + chi2, np.eye(count), (NOISE + slow,),
-        (ALL_SEEN,), size, (), 1,
+        (ALL_SEEN,), size, dict.fromkeys(SLOWER, float(count)), (), 1,
     )  # fmt: skip
 
 
@@ -59,7 +60,7 @@ def whitener(shape, seen=None, correlation=0.0):
 
 def rest(whitener, values_m):
     """A model that leaves these at the points."""
-    model = replace(left((), 0.0, 0), unknowns=())
+    model = replace(left((), 0.0, 0), unknowns=(), taken=dict.fromkeys(SLOWER, 0.0))
     return replace(model, residuals=(whitener(values_m),), noise=(whitener.noise_modes,))
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from scipy.stats import kstest
 from sim.ropes import EI, GJ, GRAVITY, LEVEL, ROPE
 
@@ -305,3 +306,27 @@ def test_the_way_back_is_found_of_a_rope_with_a_free_end() -> None:
     nowhere["start_q"] = np.full_like(whole.motion.start_q, np.nan)
     free = replace(whole, ends=Ends("free", "clamped"), motion=replace(whole.motion, **nowhere))
     assert locate._pairs(free) == locate._pairs(whole) != []
+
+
+def test_no_frame_is_in_two_pairs_however_often_an_arc_is_gone_through() -> None:
+    once = made({})
+    again = np.arange(3)[:, None] * (once.motion.t_s[-1] + 1.0) + once.motion.t_s
+    parts = ("start_m", "start_q", "end_m", "end_q")
+    thrice = Motion(again.ravel(), *(np.tile(getattr(once.motion, part), (3, 1)) for part in parts))
+    frames = np.linspace(0.0, thrice.t_s[-1], 3 * FRAMES)
+    points = Points(np.arange(3 * FRAMES), frames, np.full(3 * FRAMES, 0.2), np.zeros((3 * FRAMES, 3)))
+    pairs = locate._pairs(replace(once, motion=thrice, points=points))
+    seen = [frame for pair in pairs for frame in pair]
+    assert len(seen) == len(set(seen)) > FRAMES
+
+
+@pytest.mark.parametrize("end", ["start", "end"])
+def test_an_end_that_turns_in_place_turns(end: str) -> None:
+    recording = made({})
+    count = len(recording.motion.t_s)
+    turned = Rotation.from_rotvec(np.outer(np.linspace(0.0, 1.0, count), [1.0, 0.0, 0.0])).as_quat(
+        scalar_first=True
+    )
+    start, at = (np.tile(x[:1], (count, 1)) for x in (recording.motion.start_m, recording.motion.end_m))
+    motion = replace(recording.motion, start_m=start, end_m=at, **{f"{end}_q": turned})
+    assert locate._phase(replace(recording, motion=motion), 0, FRAMES // 2) == "turn"

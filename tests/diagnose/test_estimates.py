@@ -9,6 +9,7 @@ import pytest
 from dlolib.diagnose.decide import OFF
 from dlolib.diagnose.estimates import Z95, Alternatives, estimates
 from dlolib.diagnose.fitting import Fitted
+from dlolib.diagnose.modes import SLOWER
 from dlolib.diagnose.whitening import ModesOfNoise
 from dlolib.identify.parameters import Unknown
 
@@ -31,8 +32,19 @@ def model(chi2=0.0, deviation=0.01, effects=None, **values):
     covariance = deviation**2 * np.eye(len(theta))
     if effects is None:
         effects = tuple(dict.fromkeys(name.partition(".")[0] for name in names[1:]))
+    taken = dict.fromkeys(SLOWER, float(len(names)))
     return Fitted(
-        effects, unknowns, theta, NOISE.size + chi2, covariance, (NOISE,), (ALL_SEEN,), NOISE.size, (), 1
+        effects,
+        unknowns,
+        theta,
+        NOISE.size + chi2,
+        covariance,
+        (NOISE,),
+        (ALL_SEEN,),
+        NOISE.size,
+        taken,
+        (),
+        1,
     )
 
 

@@ -15,6 +15,7 @@ from dlolib.diagnose.study import acting_only
 from dlolib.identify.identify import FIRST_STIFFNESS_M4_S2
 from dlolib.sim.continuum import simulated
 from dlolib.sim.effects import EFFECTS
+from dlolib.sim.mesh import FINER
 from dlolib.sim.poses import PosesModel, model_of
 from dlolib.sim.rod import Rod
 from dlolib.types import Ends, Motion, Points, Recording
@@ -55,7 +56,7 @@ def test_a_rope_in_flight_goes_on_in_the_heldout_frames():
     arc = np.stack([0.15 * np.sin(s / 0.15), 0 * s, 0.15 * (1 - np.cos(s / 0.15))], axis=1)
     points = Points(frame, at[frame], np.tile(s, frames), np.tile(arc, (frames, 1)))
     free = Recording("fall", ROPE, GRAVITY, Ends("free", "free"), motion, points, quasi_static=False)
-    clean = simulated(free, Rod(ROPE, EI, GJ, {}, particles=20))
+    clean = simulated(free, Rod(ROPE, EI, GJ, {}, particles=20), finer=FINER)
     noise = np.random.default_rng(0).normal(0, 1e-3, clean.points.xyz_m.shape)
     seen = replace(clean.points, xyz_m=clean.points.xyz_m + noise)
     thrown = replace(clean, position_noise_m=None, points=seen)

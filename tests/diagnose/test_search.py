@@ -23,7 +23,7 @@ def fitted(chi2: float, effects: tuple[str, ...] = (), parts: Sequence[str] = ()
     names = ["bending_stiffness", *(f"{effects[-1]}.{part}" for part in parts)]
     unknowns = tuple(map(Unknown, names))
     theta = np.ones(len(names))
-    return Fitted(effects, unknowns, theta, chi2, np.eye(len(names)), (), (), 0, (), 1)
+    return Fitted(effects, unknowns, theta, chi2, np.eye(len(names)), (), (), 0, {}, (), 1)
 
 
 LUMP, SLOPED = ("s", "mass"), ("s", "mass", "gradient")
@@ -108,9 +108,9 @@ def test_a_pair_that_ties_in_its_best_form_leads_further(monkeypatch: pytest.Mon
     monkeypatch.setattr(search, "_partners", lambda study, fewer, *_: beside[fewer.effects[0]])
     monkeypatch.setattr(search, "_pruned", pruned)
     monkeypatch.setattr(search, "_settled", lambda study, models, *_: search._ordered(study, models))
-    for name, found in (("backed", None), ("amiss", True), ("explains", True), ("poses", 100)):
+    for name, found in (("backed", None), ("amiss", True), ("explains", True)):
         monkeypatch.setattr(search, name, lambda *_, found=found: found)
-    study = cast(Study, SimpleNamespace(frames=70, seen=[SimpleNamespace(model=None)], rigid=lambda _: False))
+    study = cast(Study, SimpleNamespace(frames=70, poses=100, rigid=lambda _: False))
     best = search.search(study, DiagnoseSettings(), cast(Workers, None)).models[0]
     assert best.effects == (clamp, soft)
 

@@ -16,6 +16,7 @@ from dlolib.diagnose.study import acting_only, library
 from dlolib.errors import SimulationError
 from dlolib.identify.identify import FIRST_STIFFNESS_M4_S2
 from dlolib.identify.parameters import Unknown
+from dlolib.sim import continuum
 from dlolib.sim.effects import rest_curvature
 from dlolib.sim.recording import RecordingModel
 from dlolib.sim.upright import ROLL, ROLLS
@@ -182,7 +183,7 @@ def test_a_finer_mesh_that_snaps_elsewhere_tells_no_error_of_the_mesh(study, mon
     found = baseline(study)
     for moved_m, taken in ((0.001, True), (0.1, False)):
         elsewhere = tuple(np.full_like(one, moved_m) for one in found.offsets_m)
-        monkeypatch.setattr(fitting, "_extrapolated", lambda one, rod, new=elsewhere[0]: new)
+        monkeypatch.setattr(continuum, "mesh_error", lambda *_, new=elsewhere[0]: new)
         again = tasks.refit(study, tasks.task_from(found))
         assert np.array_equal(again.offsets_m[0], elsewhere[0]) is taken
         assert np.array_equal(again.offsets_m[0], found.offsets_m[0]) is not taken
@@ -249,7 +250,7 @@ def test_the_parts_of_a_pair_begin_where_the_pair_ended(study):
 def test_one_pose_cannot_tell_an_uneven_set(study, monkeypatch):
     uneven = ("rest_curvature", rest_curvature.FORMS[-1])
     assert uneven in library(study, ())
-    monkeypatch.setattr(study_module, "poses", lambda model: 1)
+    monkeypatch.setattr(study_module, "poses", lambda *_: 1)
     assert uneven not in library(study, ()) and ("rest_curvature", ("kappa_1",)) in library(study, ())
 
 

@@ -24,19 +24,31 @@ def with_motion(end_m: np.ndarray) -> RecordingModel:
     return RecordingModel(replace(made, motion=motion), 30, None)
 
 
+def seen(model: RecordingModel, first_s: float = 0.0) -> int:
+    """How many poses fifty frames from a time on show."""
+    return poses(model.recording, np.linspace(first_s, 6.0, 50))
+
+
 @pytest.mark.parametrize("jitter_m", [0.0, 2e-6, 5e-5])
 def test_an_arm_that_stands_still_shows_one_pose(jitter_m: float) -> None:
     still = np.tile([0.4, 0.0, 0.0], (200, 1))
     jitter = np.random.default_rng(1).normal(0.0, jitter_m, still.shape)
-    assert poses(with_motion(still + jitter)) == 1
+    assert seen(with_motion(still + jitter)) == 1
     moved = still + jitter
     moved[100:, 0] += 0.01
-    assert poses(with_motion(moved)) == 2
+    assert seen(with_motion(moved)) == 2
 
 
 def test_of_an_arm_that_moves_many_poses_are_shown() -> None:
     way = np.linspace(0.0, 0.05, 200)[:, None] * np.array([0.0, 0.0, 1.0])
-    assert poses(with_motion(np.array([0.4, 0.0, 0.0]) + way)) == FEWEST_POSES
+    assert seen(with_motion(np.array([0.4, 0.0, 0.0]) + way)) == FEWEST_POSES
+
+
+def test_what_an_arm_did_before_the_first_frame_is_no_pose_that_was_seen() -> None:
+    way = np.minimum(np.linspace(0.0, 0.1, 200), 0.05)[:, None] * np.array([0.0, 0.0, 1.0])
+    model = with_motion(np.array([0.4, 0.0, 0.0]) + way)
+    assert seen(model) == FEWEST_POSES
+    assert seen(model, first_s=3.5) == 1
 
 
 MOVED = np.linspace(0.0, 0.05, 50)[:, None] * np.array([0.0, 0.0, 1.0]) + [0.4, 0.0, 0.0]

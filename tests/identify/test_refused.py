@@ -11,7 +11,7 @@ from sim.test_recording import recording
 from dlolib.errors import ParameterError, SimulationError
 from dlolib.identify import IdentifySettings, identify
 from dlolib.sim.continuum import simulated
-from dlolib.sim.rod import Rod
+from dlolib.sim.rod import STIFFEST_M4_S2, Rod
 from dlolib.types import Estimate, Recording
 
 SETTINGS = IdentifySettings()
@@ -104,3 +104,10 @@ def _found_in(made: Recording, only: np.ndarray, **settings: Any) -> Estimate:
     )
     one: Recording = replace(made, points=points)
     return identify([one], replace(SETTINGS, **settings)).fit.parameters["bending_stiffness"]
+
+
+def test_a_known_rope_stiffer_than_any_is_a_start_all_the_same() -> None:
+    """Ten times what a verdict says may be beyond what is fitted at all."""
+    stiff = Rod(ROPE, 0.5 * STIFFEST_M4_S2 * ROPE.linear_density_kg_m, 1e-3, {}, SETTINGS.particles)
+    found = identify([recording()], SETTINGS, [stiff]).fit.parameters["bending_stiffness"]
+    assert found.value == pytest.approx(EI, rel=0.01)
