@@ -10,7 +10,7 @@ import numpy as np
 from dlolib.captures.base import Source
 from dlolib.chain.clock import clocks_apart
 from dlolib.chain.frame import MOST_UNORDERED, FrameChain
-from dlolib.chain.held import off_together
+from dlolib.chain.held import POSES, off_together
 from dlolib.chain.many import chains_of
 from dlolib.chain.settings import ChainSettings
 from dlolib.chain.uncertainty import noise_of
@@ -27,7 +27,6 @@ MOST_NAMED = 8
 # agree in it to so much and it is so far off: shares of its length.
 WHOLE, SAME, OTHER = 0.95, 0.003, 0.01
 UNTANGLE = "record it with fewer crossings, or with less else in view"
-POSES = "check camera.world_from_camera, motion.csv and its clock"
 # A rope that leaves its clamp as logged does so within this, bent as it may be; one that is as wide as was
 # said looks so within these factors, where it is, or should be, so many pixels wide.
 ANOTHER_WAY_RAD = 1.0

@@ -14,7 +14,7 @@ from dlolib.chain.axis import Axis, assemble
 from dlolib.chain.cleaning import without_specks
 from dlolib.chain.cloud import view_of_cloud
 from dlolib.chain.greedy import greedy_chain
-from dlolib.chain.held import astray, turned
+from dlolib.chain.held import POSES, astray, turned
 from dlolib.chain.join import from_held_ends, joined, may_be_joined
 from dlolib.chain.lift import Strand, centred, lift
 from dlolib.chain.order import in_order, unordered_m
@@ -108,7 +108,7 @@ def chain_frame(
         raise _no_rope(frame, f"only {share:.0%} of the rope is seen")
     s_m, points, pixel = greedy_chain(axis, whole / (settings.points - 1), settings.points)
     if not len(s_m):
-        raise _no_rope(frame, "what is long and narrow in it is too short for a chain's spacing")
+        raise _no_point(frame, strands, (start, end), index.rope.length_m)
     scatter = float(np.median([strand.sigma_m for strand in strands]))
     skin_m = 0.0 if index.rope.radius_m else 0.5 * width * view.pitch
     return FrameChain(
@@ -200,6 +200,19 @@ def _starts_at_the_other(tips: Floats, previous: FrameChain | None) -> bool:
 def _seen_share(axis: Axis, whole_m: float) -> float:
     seen = axis.seen[1:] & axis.seen[:-1]
     return float(min(np.diff(axis.s_m)[seen].sum() / whole_m, 1.0))
+
+
+def _no_point(
+    frame: Frame, strands: list[Strand], ends: tuple[Anchor | None, Anchor | None], length_m: float
+) -> ChainError:
+    """Why a line has no points: a held end is out of the rope's reach, or all that is seen is too short."""
+    tips_m = strands[0].points_m[0], strands[-1].points_m[-1]
+    held = [(tip, end) for tip, end in zip(tips_m, ends, strict=True) if end is not None]
+    off_m = max((float(np.linalg.norm(tip - end.place_m)) for tip, end in held), default=0.0)
+    if off_m <= length_m:
+        return _no_rope(frame, "what is long and narrow in it is too short for a chain's spacing")
+    problem = f"the rope is seen {off_m:.3g} m from where a held end is logged, and is {length_m:.3g} m long"
+    return ChainError(problem, file=frame.file, place=f"frame {frame.frame}", mend=POSES)
 
 
 def _no_rope(frame: Frame, why: str) -> ChainError:

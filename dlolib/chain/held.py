@@ -14,6 +14,8 @@ from dlolib.chain.view import View
 from dlolib.formats import interpolate_motion
 from dlolib.types import CaptureIndex, Floats
 
+# What to do where a held end is logged elsewhere than the rope is seen.
+POSES = "check camera.world_from_camera, motion.csv and its clock"
 # Further from a held end the rope tells nothing of it; nearer, the end is where it was logged (in plain view
 # the rope is seen to end within 2 mm of it).
 NEAR_M, ASTRAY_M = 0.05, 0.006

@@ -24,6 +24,8 @@ BACK_WIDTHS = 2.0
 REACHED_WIDTHS = 1.0
 # A held end to which no line comes so near has a straight line of its own, up to so long, from so much on.
 AWAY_WIDTHS, STUB_WIDTHS, LEAST_WIDTHS, LEAST_PX = 1.5, 2.0, 0.75, 4
+# In which direction it is seen, a step so long along the rope tells.
+BEYOND_M = 0.005
 
 
 def from_held_ends(
@@ -35,9 +37,10 @@ def from_held_ends(
     found: list[Floats] = []
     places = np.concatenate(lines) if lines else np.zeros((0, 2))
     for anchor in (start, end.turned() if end else None):
-        if anchor is None or not lines:
+        seen = None if anchor is None else _in_image(anchor, view)
+        if seen is None or not lines:
             continue
-        place, heading = _in_image(anchor, view)
+        place, heading = seen
         if np.linalg.norm(places - place, axis=1).min() <= AWAY_WIDTHS * width:
             continue
         far = place + np.arange(int(STUB_WIDTHS * width) + 1)[:, None] * heading
@@ -116,15 +119,24 @@ def _way(line: Floats, onward: Floats, width: float, view: View) -> Floats | Non
 
 def _stub(line: Floats, anchor: Anchor, width: float, view: View) -> Floats | None:
     """Pixels (K, 2) from the end of a line to a held end, if they are rope."""
-    place, arriving = _in_image(anchor, view)
+    seen = _in_image(anchor, view)
+    if seen is None:
+        return None
+    place, arriving = seen
     if np.linalg.norm(place - line[-1]) <= REACHED_WIDTHS * width or not arriving.any():
         return None
     return _curve(line[-1], _heading(line, width), place, arriving, width, view)
 
 
-def _in_image(anchor: Anchor, view: View) -> tuple[Floats, Floats]:
-    """Where a held end is seen (2,) [px] and in which direction (2,), 0 where that is the line of sight."""
-    place, beyond = view.pixel(np.stack([anchor.place_m, anchor.place_m + 0.005 * anchor.tangent]))
+def _in_image(anchor: Anchor, view: View) -> tuple[Floats, Floats] | None:
+    """Where a held end is seen (2,) [px] and in which direction (2,), 0 where that is the line of sight.
+
+    None where it is not before the camera: what lies behind it would come out mirrored, into the image.
+    """
+    points_m = np.stack([anchor.place_m, anchor.place_m + BEYOND_M * anchor.tangent])
+    if points_m[:, 2].min() <= BEYOND_M:
+        return None
+    place, beyond = view.pixel(points_m)
     step = beyond - place
     return place, step / max(float(np.linalg.norm(step)), 1e-12)
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 from chain.tubes import (
+    PILLAR,
     Scene,
     along,
     wave,
@@ -21,7 +23,10 @@ from scipy.spatial.transform import Rotation
 from dlolib.captures import open_capture
 from dlolib.captures.image_folder import ImageFolder
 from dlolib.chain import ChainSettings, extract_chain
+from dlolib.chain.anchor import Anchor
+from dlolib.chain.join import from_held_ends, may_be_joined
 from dlolib.chain.sheet import write_sheet
+from dlolib.chain.view import View
 from dlolib.errors import ChainError, ParameterError
 from dlolib.types import CaptureIndex
 
@@ -133,6 +138,35 @@ def test_a_pose_of_the_camera_that_is_far_off_is_not_blamed_on_the_length(
     told = re.search(r"logged (\d+) mm", refused.value.problem)
     assert told and int(told[1]) == pytest.approx(1e3 * float(np.linalg.norm(by_m)), abs=3)
     assert str(refused.value).startswith(str(tmp_path / "held/capture.json"))
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("boxes", [(), (PILLAR,)], ids=["in view", "hidden"])
+@pytest.mark.parametrize("from_camera_m", [0.0, -0.1], ids=["in the camera", "behind it"])
+def test_a_pose_of_the_camera_that_nobody_gave_is_refused_with_its_mend(
+    boxes: tuple[Any, ...], from_camera_m: float, tmp_path: Path
+) -> None:
+    """Held ends then lie in the camera's own plane or behind it, where it sees nothing."""
+    index = write_capture(tmp_path / "held", [wave(0.6)], Scene(boxes=boxes))
+    pose = np.eye(4)
+    pose[2, 3] = -from_camera_m
+    unposed = replace(index, camera=replace(index.camera, world_from_camera=pose))
+    with pytest.raises(ChainError, match=r"from where a held end is logged.*camera\.world_from_camera"):
+        extract_chain(ImageFolder(unposed))
+
+
+def test_a_held_end_behind_the_camera_is_not_sought_in_the_image() -> None:
+    """There it would come out mirrored."""
+    mask = np.zeros((60, 100), np.bool_)
+    mask[28:33] = True
+    view = View(mask, mask.astype(np.float32), mask.astype(np.float32), 100.0, 100.0, 0.0, 0.0)
+    line = np.stack([np.arange(40.0, 100.0), np.full(60, 30.0)], axis=-1)
+    before = Anchor(np.array([0.1, 0.3, 1.0]), np.array([1.0, 0.0, 0.0]))
+    mirrored = Anchor(-before.place_m, -before.tangent)
+    np.testing.assert_allclose(view.pixel(mirrored.place_m[None]), view.pixel(before.place_m[None]))
+    for anchor, is_sought in ((before, True), (mirrored, False)):
+        assert bool(from_held_ends([line], 5.0, view, anchor, None)) == is_sought
+        assert may_be_joined([line], 5.0, view, anchor, None) == is_sought
 
 
 def test_a_gripper_that_hides_the_rope_beside_its_clamp_is_no_wrong_pose(
