@@ -21,7 +21,8 @@ UNKNOWN_WIDTH_PX, LARGEST_WINDOW_PX = 12.0, 255
 LEAST_DIFFERENCE, LEAST_PX = 12.0, 20
 WEAK = 0.5
 RING_PX, EDGE_PX = 9, 5
-SATURATED = 255
+# A channel in which the rope differs by less of the whole difference may be saturated.
+SATURATED, LEAST_WEIGHT = 255, 0.1
 
 
 def local_masks(frame: Frame, index: CaptureIndex) -> list[Mask]:
@@ -98,7 +99,8 @@ def background_mask(frame: Frame, index: CaptureIndex, settings: ChainSettings) 
 def rope_levels(color: Image | None, mask: Mask) -> NDArray[np.float32] | None:
     """The mixture of red, green and blue in which the rope stands out from what is beside it, (H, W).
 
-    Linear in the light, so that a pixel half covered lies half-way. Infinite where a channel is saturated.
+    Linear in the light, so that a pixel half covered lies half-way. Infinite where a channel is saturated:
+    upwards where more of it is more like the rope, downwards where it is less.
     """
     if color is None or not mask.any():
         return None
@@ -113,7 +115,8 @@ def rope_levels(color: Image | None, mask: Mask) -> NDArray[np.float32] | None:
         return None
     weights = step / size
     levels = np.asarray(color.astype(np.float32) @ weights.astype(np.float32))
-    levels[(color[..., np.abs(weights) > 0.1] >= SATURATED).any(axis=-1)] = np.inf
+    for counts, beyond in ((weights < -LEAST_WEIGHT, -np.inf), (weights > LEAST_WEIGHT, np.inf)):
+        levels[(color[..., counts] >= SATURATED).any(axis=-1)] = beyond
     return np.asarray(levels, dtype=np.float32)
 
 

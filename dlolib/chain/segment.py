@@ -29,7 +29,8 @@ Levels = NDArray[np.float32]
 class Segmentation:
     """The rope's pixels, shape (H, W), and the levels (H, W) in which the rope stands out, as light adds up.
 
-    levels is None where nothing but the mask is known, and infinite where a channel is saturated.
+    levels is None where nothing but the mask is known, and infinite, of either sign, where a channel is
+    saturated.
     """
 
     mask: Mask
@@ -184,6 +185,9 @@ def coverage(found: Segmentation) -> NDArray[np.float32]:
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     window = np.s_[max(rows[0] - 1, 0) : rows[-1] + 2, max(columns[0] - 1, 0) : columns[-1] + 2]
     dark = _dark(levels, mask)
+    # How far an overexposed background is from the rope nobody knows; what is not so is something else.
+    if not np.isfinite(dark):
+        return covered
     near, inside = np.minimum(levels[window], 255), mask[window]
     inner = cv2.dilate(near, np.ones((3, 3), np.uint8))[inside]
     share = (near[inside] - dark) / np.maximum(PLATEAU * (inner - dark), 1)

@@ -21,7 +21,8 @@ class View:
     """What a pinhole camera saw of the rope: its mask, the share of each pixel that is rope, its depth [m].
 
     All three are of shape (H, W); so are the levels in which the rope stands out,
-    linear in the light, infinite where saturated; None where light does not tell rope from the rest.
+    linear in the light, infinite, of either sign, where saturated; None where light does not tell rope from
+    the rest.
     """
 
     mask: Mask

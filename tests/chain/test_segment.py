@@ -12,6 +12,7 @@ from chain.tubes import NOWHERE, Scene, along, index_of, photograph, wave
 
 from dlolib.captures.base import Frame
 from dlolib.chain import ChainSettings, chain_frame
+from dlolib.chain.contrast import rope_levels
 from dlolib.chain.extract import LEAST_WIDE, MOST_WIDE
 from dlolib.chain.likely import share_of_rope
 from dlolib.chain.segment import segment
@@ -47,6 +48,66 @@ def test_a_white_rope_before_black(way: str) -> None:
 @pytest.mark.parametrize("way", ["auto", "local"])
 def test_a_white_rope_on_a_table_in_uneven_light(table: tuple[int, int, int], way: str) -> None:
     assert rms(*seen(table), ChainSettings(segmentation=way)) < 1e-3
+
+
+def overexposed(rope: tuple[int, ...], table: tuple[int, ...], share: float = 1.0) -> Frame:
+    """A dark rope on a table whose light is too much for the camera over that share of the image's width."""
+    frame, _ = seen()
+    assert frame.color is not None
+    covered = np.clip((frame.color[..., :1].astype(float) - 12) / (225 - 12), 0, 1)
+    light = np.full((*covered.shape[:2], 3), table, np.float64)
+    light[:, round(share * light.shape[1]) :] = 200
+    color = np.clip(np.rint(covered * np.array(rope) + (1 - covered) * light), 0, 255).astype(np.uint8)
+    return replace(frame, color=color)
+
+
+BLACK, BLUE = (20, 20, 20), (30, 60, 160)
+
+
+@pytest.mark.parametrize("way", ["auto", "local", "color", "background"])
+@pytest.mark.parametrize("rope", [BLACK, BLUE], ids=["black", "blue"])
+@pytest.mark.parametrize("table", [(254, 254, 254), (255, 255, 255), (255, 240, 230), (600, 600, 600)])
+def test_a_dark_rope_on_an_overexposed_table(
+    rope: tuple[int, ...], table: tuple[int, ...], way: str, tmp_path: Path
+) -> None:
+    frame, index = overexposed(rope, table), index_of(NOWHERE, [AXIS], Scene())
+    if way == "color":
+        index = replace(index, rope_color_hsv=((0, 0, 0), (179, 255, 200)))
+    if way == "background":
+        empty = np.full((576, 640, 3), np.minimum(table, 255), np.uint8)
+        cv2.imwrite(str(tmp_path / "empty.png"), empty[..., ::-1])
+        index = replace(index, background_color=tmp_path / "empty.png")
+    assert rms(frame, index, ChainSettings(segmentation=way)) < 0.35e-3
+
+
+@pytest.mark.parametrize("share", [0.3, 0.55, 0.7])
+@pytest.mark.parametrize("table", [(255, 240, 230), (600, 600, 600)])
+def test_a_table_that_is_overexposed_in_part(table: tuple[int, ...], share: float) -> None:
+    frame = overexposed(BLACK, table, share)
+    assert rms(frame, index_of(NOWHERE, [AXIS], Scene()), ChainSettings()) < 0.35e-3
+
+
+def test_what_is_as_dark_as_the_rope_is_no_measure_of_an_overexposed_table() -> None:
+    """A pillar is then all that is finite."""
+    frame = overexposed(BLACK, (600, 600, 600))
+    assert frame.color is not None and frame.depth_m is not None
+    color, depth = frame.color.copy(), frame.depth_m.copy()
+    color[:, 316:323], depth[:, 316:323] = 20, 0.6
+    frame = replace(frame, color=color, depth_m=depth)
+    chain = chain_frame(frame, index_of(NOWHERE, [AXIS], Scene()), ChainSettings())
+    away = np.linalg.norm(chain.xyz_m - along(AXIS, chain.s_m), axis=1)
+    assert np.sqrt(np.mean(away**2)) < 0.35e-3 and len(chain.s_m) >= 28
+
+
+def test_which_way_a_saturated_channel_counts() -> None:
+    """A blue rope on an orange table: what is too blue is more like the rope, what is too red is less."""
+    color = np.full((60, 60, 3), (220, 140, 30), np.uint8)
+    color[28:32] = (40, 60, 200)
+    mask = color[..., 2] == 200
+    color[30, 10], color[10, 30], color[50, 30] = (40, 60, 255), (255, 140, 30), (255, 255, 255)
+    levels = rope_levels(color, mask)
+    assert levels is not None and levels[30, 30] > levels[50, 50]
+    assert levels[30, 10] == np.inf and levels[10, 30] == -np.inf and levels[50, 30] == np.inf
 
 
 def test_a_pillar_brighter_than_the_dark_is_no_rope() -> None:
