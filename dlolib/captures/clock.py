@@ -63,6 +63,14 @@ def paired(depth_s: Floats, color_s: Floats, path: Path, within_s: float = WITHI
     return sorted((depth, color) for color, depth in best.items())
 
 
+def times_of(pairs: Pairs, color_s: Floats) -> dict[int, float]:
+    """When each pair was taken [s], by the number of its depth image: at its colour image's time.
+
+    Where the rope lies across the line of sight, to a tenth of a pixel, the colour image tells.
+    """
+    return {depth: float(color_s[color]) for depth, color in pairs}
+
+
 def together(items: Iterable[tuple[str, int, Item]], pairs: Pairs) -> Iterator[tuple[int, Item, Item]]:
     """From a mixed stream of ("depth" | "color", its number, item): number, depth and color of each pair.
 

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
-from dlolib.captures.clock import Pairs, check_clock, paired, together
+from dlolib.captures.clock import Pairs, check_clock, paired, times_of, together
 from dlolib.captures.foreign import Asked, FramesAlone, Shot
 from dlolib.captures.kinect_calibration import Calibration, read_calibration
-from dlolib.captures.plausible import unpaired
+from dlolib.captures.plausible import unpaired, untimely
 from dlolib.errors import FormatError
 from dlolib.types import Floats
 
@@ -32,10 +32,11 @@ class AzureKinect(FramesAlone):
     kind: ClassVar[str] = "Azure Kinect recording (.mkv)"
 
     path: Path
-    depth_s: Floats
+    t_s: Mapping[int, float]
     pairs: Pairs
     calibration: Calibration
     optics: Mapping[str, float]
+    odd: list[str]
 
     @classmethod
     def matches(cls, path: Path) -> bool:
@@ -56,7 +57,10 @@ class AzureKinect(FramesAlone):
         pairs = paired(stamps["DEPTH"], stamps["COLOR"], path)
         width, height = sizes["DEPTH"]
         optics = {"width": float(width), "height": float(height), "depth_scale": 1000.0}
-        return cls(path, stamps["DEPTH"], pairs, calibration, optics | calibration.depth.optics)
+        odd = unpaired(stamps["DEPTH"], len(pairs), path, "DEPTH")
+        odd += untimely(stamps["DEPTH"], stamps["COLOR"], pairs, path, "DEPTH")
+        t_s = times_of(pairs, stamps["COLOR"])
+        return cls(path, t_s, pairs, calibration, optics | calibration.depth.optics, odd)
 
     @property
     def count(self) -> int:
@@ -65,17 +69,17 @@ class AzureKinect(FramesAlone):
 
     @property
     def doubts(self) -> list[str]:
-        """Depth images that are left out."""
-        return unpaired(self.depth_s, len(self.pairs), self.path, "DEPTH")
+        """Depth images that are left out, or of other times."""
+        return self.odd
 
     def shots(self) -> Iterator[Shot]:
-        """Each pair at the time of its depth image."""
+        """Each pair at the time of its colour image."""
         with _opened(self.path) as container:
             tracks = _tracks(container, self.path)
             for number, depth, color in together(_frames(container, tracks, self.path), self.pairs):
                 picture, units = self.calibration.registered(color, depth)
                 place = f"DEPTH, frame {number}"
-                yield Shot(float(self.depth_s[number]), self.path, place, picture, units)
+                yield Shot(self.t_s[number], self.path, place, picture, units)
 
 
 @contextmanager

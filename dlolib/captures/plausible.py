@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from dlolib.captures.base import Frame, Source
+from dlolib.captures.clock import Pairs
 from dlolib.errors import FormatError
 from dlolib.formats import motion_doubts, moves, say
 from dlolib.types import CaptureIndex, Floats
@@ -18,6 +19,8 @@ LATEST_S = 1e11
 # A focal length over the image's size is that of a fisheye of 157 degrees at least, of a telescope of half a
 # degree at most; a cut image's centre may lie so many sizes outside of it.
 FOCAL_SIZES, CENTRE_SIZES = (0.1, 100.0), 2.0
+# A rope at 60 mm/s goes a third of a millimetre in it, about what a chain is off by itself.
+APART_S = 0.005
 # Where DVC keeps files and may link to: <cache>/files/md5/ab/cdef...
 DVC_CACHE = ("files", "md5")
 
@@ -127,6 +130,18 @@ def unpaired(t_s: Floats, pairs: int, path: Path, what: str, kind: str = "depth"
     problem = f"{left} of {len(t_s)} {kind} images have no {other} image at their time and are left out"
     mend = "check that both are whole and of one clock"
     return [str(FormatError(problem, file=path, place=what, mend=mend))] if left else []
+
+
+def untimely(depth_s: Floats, color_s: Floats, pairs: Pairs, path: Path, what: str) -> list[str]:
+    """That the two images of a pair were taken at times (N,) and (M,) [s] that are apart."""
+    depth, color = np.array(pairs).T
+    apart_s = np.abs(color_s[color] - depth_s[depth])
+    if apart_s.max() <= APART_S:
+        return []
+    far = f"{1e3 * np.median(apart_s):.3g} ms (median) and up to {1e3 * apart_s.max():.3g} ms"
+    problem = f"color and depth were taken {far} apart: depth of a moving rope is not of the color's time"
+    mend = "let the camera take both at once, or move the rope slowly"
+    return [str(FormatError(problem, file=path, place=what, mend=mend))]
 
 
 @dataclass

@@ -17,10 +17,10 @@ from scipy.spatial.transform import Rotation
 from dlolib.captures import ros_images
 from dlolib.captures.aligned import aligned
 from dlolib.captures.bag import Bag, stamp_s
-from dlolib.captures.clock import Pairs, check_clock, paired
+from dlolib.captures.clock import Pairs, check_clock, paired, times_of
 from dlolib.captures.foreign import Asked, FramesAlone, Shot
 from dlolib.captures.lens import Lens
-from dlolib.captures.plausible import unpaired
+from dlolib.captures.plausible import unpaired, untimely
 from dlolib.captures.ros_images import Found, Role, Spot
 from dlolib.errors import FormatError
 from dlolib.formats import Given
@@ -43,12 +43,13 @@ class RealSense(FramesAlone):
 
     path: Path
     streams: Mapping[Role, str]
-    depth_s: Floats
+    t_s: Mapping[int, float]
     pairs: Pairs
     optics: Mapping[str, float]
     lenses: Mapping[Role, Lens]
     sizes: Mapping[Role, tuple[int, int]]
     color_from_depth: Floats
+    odd: list[str]
 
     @classmethod
     def matches(cls, path: Path) -> bool:
@@ -77,7 +78,10 @@ class RealSense(FramesAlone):
             beside = _color_from_depth(bag, streams)
             stamps = _stamps(bag, streams)
         pairs = paired(stamps["depth"], stamps["color"], path)
-        return cls(path, streams, stamps["depth"], pairs, optics, lenses, sizes, beside)
+        odd = unpaired(stamps["depth"], len(pairs), path, streams["depth"])
+        odd += untimely(stamps["depth"], stamps["color"], pairs, path, streams["depth"])
+        t_s = times_of(pairs, stamps["color"])
+        return cls(path, streams, t_s, pairs, optics, lenses, sizes, beside, odd)
 
     @property
     def count(self) -> int:
@@ -86,14 +90,14 @@ class RealSense(FramesAlone):
 
     @property
     def doubts(self) -> list[str]:
-        """Depth images that are left out."""
-        return unpaired(self.depth_s, len(self.pairs), self.path, self.streams["depth"])
+        """Depth images that are left out, or of other times."""
+        return self.odd
 
     def shots(self) -> Iterator[Shot]:
-        """Each pair at the stamp of its depth image."""
+        """Each pair at the stamp of its colour image."""
         topics = {role: _images(stream) for role, stream in self.streams.items()}
         for number, depth, color in ros_images.pairs_of(self.path, topics, self.pairs):
-            yield self._shot(float(self.depth_s[number]), depth, color)
+            yield self._shot(self.t_s[number], depth, color)
 
     def _shot(self, t_s: float, depth: Found, color: Found) -> Shot:
         picture, units = ros_images.color(*color), ros_images.depth(*depth)

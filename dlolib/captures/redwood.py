@@ -14,7 +14,7 @@ import numpy as np
 from dlolib.captures.clock import check_clock, paired
 from dlolib.captures.foreign import Asked, FramesAlone, Shot
 from dlolib.captures.pictures import decode_color, decode_depth
-from dlolib.captures.plausible import unpaired
+from dlolib.captures.plausible import unpaired, untimely
 from dlolib.errors import FormatError
 
 DEPTH_SCALE, HUGE = 1000.0, 1e300
@@ -59,7 +59,7 @@ class RedwoodFolder(FramesAlone):
             _check_numbers(color, depth, folder, path / "depth")
         odd += [line for one in (folder, path / "depth") for line in unnumbered(one, IMAGES)]
         content, optics = _intrinsics(path)
-        times = _times(depth, asked.given.rate_hz or content.get("fps"), asked.given.file)
+        times = _times(color, depth, asked.given.rate_hz or content.get("fps"), asked.given.file)
         return cls(
             tuple(color[n] for n in sorted(depth)), tuple(depth[n] for n in sorted(depth)), times, optics, odd
         )
@@ -71,7 +71,7 @@ class RedwoodFolder(FramesAlone):
 
     @property
     def doubts(self) -> list[str]:
-        """What is left out: images that have no number, or no fellow at their time."""
+        """What is left out: images that have no number, or no fellow at their time, or one some way off."""
         return self.odd
 
     def shots(self) -> Iterator[Shot]:
@@ -140,10 +140,14 @@ def _stamp_s(image: Path) -> float | None:
     return int(name["time_us"]) / 10**6 if name and name["time_us"] else None
 
 
-def _times(depth: dict[int, Path], rate_hz: float | None, asked_in: Path) -> tuple[float, ...]:
+def _times(
+    color: dict[int, Path], depth: dict[int, Path], rate_hz: float | None, asked_in: Path
+) -> tuple[float, ...]:
+    """The pairs' times [s]: of their colour images as the other sources', else of their depth images."""
     times = []
     for number in sorted(depth):
-        stamp_s = _stamp_s(depth[number])
+        own = _stamp_s(color[number])
+        stamp_s = _stamp_s(depth[number]) if own is None else own
         times.append(at_rate(number, rate_hz, asked_in, depth[number]) if stamp_s is None else stamp_s)
     return tuple(times)
 
@@ -166,6 +170,7 @@ def _by_time(
         check_clock(t_s, path, kind)
     pairs = paired(stamps["depth"], stamps["color"], path)
     odd = [line for kind, t_s in stamps.items() for line in unpaired(t_s, len(pairs), path, kind, kind)]
+    odd += untimely(stamps["depth"], stamps["color"], pairs, path, "depth")
     numbers = sorted(depth)
     near = {numbers[row]: kinds["color"][other] for row, other in pairs}
     return near, {number: depth[number] for number in near}, odd

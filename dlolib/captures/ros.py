@@ -12,10 +12,10 @@ import numpy as np
 
 from dlolib.captures import ros_images, ros_poses
 from dlolib.captures.bag import STORED, Bag, stamp_s
-from dlolib.captures.clock import Pairs, check_clock, paired
+from dlolib.captures.clock import Pairs, check_clock, paired, times_of
 from dlolib.captures.foreign import Asked, Shot
 from dlolib.captures.lens import Lens
-from dlolib.captures.plausible import unpaired
+from dlolib.captures.plausible import unpaired, untimely
 from dlolib.captures.poses import end_motion, one_pose
 from dlolib.captures.ros_images import Found, Role, Spot
 from dlolib.errors import FormatError
@@ -40,7 +40,7 @@ class RosBag:
 
     path: Path
     topics: Mapping[Role, str]
-    depth_s: Floats
+    t_s: Mapping[int, float]
     pairs: Pairs
     optics: Mapping[str, float]
     lenses: Mapping[Role, Lens]
@@ -64,7 +64,8 @@ class RosBag:
             pairs = paired(stamps["depth"], stamps["color"], path)
             view, motion, odd = _poses(bag, topics, asked)
             odd += unpaired(stamps["depth"], len(pairs), path, topics["depth"])
-        return cls(path, topics, stamps["depth"], pairs, optics, lenses, view, motion, odd)
+            odd += untimely(stamps["depth"], stamps["color"], pairs, path, topics["depth"])
+        return cls(path, topics, times_of(pairs, stamps["color"]), pairs, optics, lenses, view, motion, odd)
 
     @property
     def count(self) -> int:
@@ -79,13 +80,13 @@ class RosBag:
 
     @property
     def doubts(self) -> list[str]:
-        """Depth images that are left out; a camera's pose whose axes may be others."""
+        """Depth images that are left out or of other times; a camera's pose whose axes may be others."""
         return self.odd
 
     def shots(self) -> Iterator[Shot]:
-        """Each pair at the stamp of its depth image."""
+        """Each pair at the stamp of its colour image."""
         for number, depth, color in ros_images.pairs_of(self.path, self.topics, self.pairs):
-            yield self._shot(float(self.depth_s[number]), depth, color)
+            yield self._shot(self.t_s[number], depth, color)
 
     def _shot(self, t_s: float, depth: Found, color: Found) -> Shot:
         units, picture = ros_images.depth(*depth), ros_images.color(*color)

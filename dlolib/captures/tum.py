@@ -9,10 +9,10 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from dlolib.captures.clock import Pairs, falls, paired
+from dlolib.captures.clock import Pairs, falls, paired, times_of
 from dlolib.captures.foreign import Asked, FramesAlone, Shot
 from dlolib.captures.pictures import decode_color, decode_depth
-from dlolib.captures.plausible import unnamed, unpaired
+from dlolib.captures.plausible import unnamed, unpaired, untimely
 from dlolib.captures.poses import one_pose, transforms
 from dlolib.errors import FormatError
 from dlolib.types import Floats
@@ -43,7 +43,7 @@ class TumFolder(FramesAlone):
 
     color: tuple[Path, ...]
     depth: tuple[Path, ...]
-    depth_s: Floats
+    t_s: Mapping[int, float]
     pairs: Pairs
     pose: Floats | None
     odd: list[str]
@@ -63,9 +63,10 @@ class TumFolder(FramesAlone):
             pose = _pose(_list(path / "groundtruth.txt"))
         images = _images(color), _images(depth)
         odd = unpaired(depth.t_s, len(pairs), depth.path, "rows")
+        odd += untimely(depth.t_s, color.t_s, pairs, depth.path, "rows")
         for listed, found in zip((color, depth), images, strict=True):
             odd += unnamed(found, listed.path)
-        return cls(*images, depth.t_s, pairs, pose, odd)
+        return cls(*images, times_of(pairs, color.t_s), pairs, pose, odd)
 
     @property
     def count(self) -> int:
@@ -79,15 +80,15 @@ class TumFolder(FramesAlone):
 
     @property
     def doubts(self) -> list[str]:
-        """Images that are left out: no row names them, or no colour image is near."""
+        """Images that are left out, as no row names them or no colour image is near; those at other times."""
         return self.odd
 
     def shots(self) -> Iterator[Shot]:
-        """Each pair at the time of its depth image."""
+        """Each pair at the time of its colour image."""
         for depth, color in self.pairs:
             picture = decode_color(self.color[color].read_bytes(), self.color[color])
             units = decode_depth(self.depth[depth].read_bytes(), self.depth[depth])
-            yield Shot(float(self.depth_s[depth]), self.depth[depth], color=picture, depth=units)
+            yield Shot(self.t_s[depth], self.depth[depth], color=picture, depth=units)
 
 
 def _list(path: Path) -> _List:

@@ -30,6 +30,8 @@ OPTICS = {"fx": 30.0, "fy": 31.0, "cx": 15.5, "cy": 11.25}
 COLOR, DEPTH = "/camera/color/image_raw", "/camera/aligned_depth_to_color/image_raw"
 INFO, TOOL, TF = "/camera/color/camera_info", "/tcp_pose", "tf2_msgs/msg/TFMessage"
 BODY, EYE = "/mocap", "/camera_pose"
+# Depth images are taken so much before their colour images, where a format has two times.
+EARLY_NS = 4_000_000
 
 
 @dataclass(frozen=True)
@@ -105,16 +107,16 @@ def own(folder: Path, shot: Frames, camera: Camera | None = None, moved: Motion 
 
 
 def tum(folder: Path, shot: Frames) -> Path:
-    """TUM RGB-D; colour is 4 ms late."""
+    """TUM RGB-D; depth is 4 ms early."""
     (folder / "rgb").mkdir(parents=True)
     (folder / "depth").mkdir()
     lists: dict[str, list[str]] = {"rgb": ["# color images"], "depth": ["# depth images"]}
     for row, ns in enumerate(shot.ns):
-        for name, late, image in (
-            ("rgb", 4_000_000, shot.color[row, ..., ::-1]),
-            ("depth", 0, shot.depth[row]),
+        for name, early, image in (
+            ("rgb", 0, shot.color[row, ..., ::-1]),
+            ("depth", EARLY_NS, shot.depth[row]),
         ):
-            at = f"{(ns + late) // 10**9}.{(ns + late) % 10**9 // 1000:06d}"
+            at = f"{(ns - early) // 10**9}.{(ns - early) % 10**9 // 1000:06d}"
             cv2.imwrite(str(folder / name / f"{at}.png"), image)
             lists[name].append(f"{at} {name}/{at}.png")
     for name, lines in lists.items():
@@ -189,8 +191,8 @@ def bag(path: Path, shot: Frames, how: Ros, moved: Motion | None = None) -> Path
     stamps = shot.ns[::-1] if how.backwards else shot.ns
     color, depth = (how.root + topic for topic in how.topics)
     for row, ns in enumerate(shot.ns):
-        rows.append((ns + 2, depth, make.depth(shot.depth[row], stamps[row], shot.scale)))
-        rows.append((ns + 1, color, make.color(shot.color[row], stamps[row] + 4_000_000)))
+        rows.append((ns + 2, depth, make.depth(shot.depth[row], stamps[row] - EARLY_NS, shot.scale)))
+        rows.append((ns + 1, color, make.color(shot.color[row], stamps[row])))
         if how.second_depth:
             rows.append((ns + 3, "/other/depth", make.depth(shot.depth[row], stamps[row], shot.scale)))
     if how.info:

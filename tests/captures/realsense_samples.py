@@ -26,7 +26,7 @@ def realsense(
     color_from_depth: Floats | None = None,
     lacking: Sequence[str] = (),
 ) -> Path:
-    """Colour 4 ms after depth; what lacks begins with one of these topics. The lens is that of colour."""
+    """Depth some ms before colour; what lacks begins with one of these topics. The lens is that of colour."""
     make = foreign.Messages(how)
     straight = foreign.Messages(replace(how, distortion=(0.0,) * 5, model="None"))
     types = how.store.types
@@ -39,8 +39,8 @@ def realsense(
     ]
     for row, ns in enumerate(shot.ns):
         at = ns - shot.ns[0] + 1
-        rows.append((at, f"{DEPTH}/image/data", make.image(shot.depth[row], "mono16", ns)))
-        rows.append((at + 1, f"{COLOR}/image/data", make.color(shot.color[row], ns + 4_000_000)))
+        rows.append((at, f"{DEPTH}/image/data", make.image(shot.depth[row], "mono16", ns - foreign.EARLY_NS)))
+        rows.append((at + 1, f"{COLOR}/image/data", make.color(shot.color[row], ns)))
     topics = {}
     with Writer(path) as writer:
         for at, topic, message in rows:

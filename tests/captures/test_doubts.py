@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from captures import foreign_samples as foreign
+from captures.realsense_samples import realsense
 from chain.tubes import Scene, wave, write_capture
 
 from dlolib.captures import ingest, open_capture
@@ -197,4 +199,45 @@ def test_depth_images_without_color_are_counted(tmp_path: Path, caplog: pytest.L
     ingest(folder, tmp_path / "out", object_json=about)
     first, second = said(caplog)
     assert "depth.txt: rows: 1 of 3 depth images have no color image at their time and are left out" in first
-    assert "rgb.txt: rows: 1 files in rgb are in no row, the first 1700000000.327000.png" in second
+    assert "rgb.txt: rows: 1 files in rgb are in no row, the first 1700000000.323000.png" in second
+
+
+def redwood_of(tmp_path: Path) -> Path:
+    folder = foreign.redwood(tmp_path / "source", foreign.frames())
+    for path in sorted(folder.glob("depth/*")):
+        number, time_us = path.stem.split("-")
+        path.rename(path.with_name(f"{number}-{int(time_us) - foreign.EARLY_NS // 1000:012d}.png"))
+    return folder
+
+
+UNTIMELY: dict[str, tuple[Callable[[Path], Path], str]] = {
+    "tum": (lambda place: foreign.tum(place / "source", foreign.frames()), "depth.txt: rows"),
+    "redwood": (redwood_of, "source: depth"),
+    "ros": (
+        lambda place: foreign.bag(place / "source.bag", foreign.frames(), foreign.Ros()),
+        f"source.bag: {foreign.DEPTH}",
+    ),
+    "realsense": (lambda place: realsense(place / "source.bag", foreign.frames()), "source.bag: "),
+}
+
+
+@pytest.mark.parametrize("kind", UNTIMELY)
+@pytest.mark.parametrize(("early_ms", "is_said"), [(4, False), (8, True), (-12, True)])
+def test_color_and_depth_of_two_times_have_color_s_and_are_said(
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
+    monkeypatch: pytest.MonkeyPatch,
+    kind: str,
+    early_ms: int,
+    is_said: bool,
+) -> None:
+    """Color tells where the rope lies; 5 ms of a moving rope are as much as the chain's own error."""
+    monkeypatch.setattr(foreign, "EARLY_NS", early_ms * 1_000_000)
+    about = foreign.given(tmp_path / "object.json", camera=foreign.camera_of())
+    write, where = UNTIMELY[kind]
+    index = ingest(write(tmp_path), tmp_path / "out", object_json=about)
+    np.testing.assert_array_equal(index.t_s, [ns / 10**9 for ns in foreign.frames().ns])
+    lines = [line for line in said(caplog) if "were taken" in line]
+    assert len(lines) == is_said and all(where in line for line in lines)
+    apart = f"color and depth were taken {abs(early_ms)} ms (median) and up to {abs(early_ms)} ms apart"
+    assert all(apart in line and "; let the camera take both at once" in line for line in lines)
