@@ -77,8 +77,8 @@ def find_obstacles(folder: Path, world_from_camera: Floats | None = None) -> tup
         world_from_camera: the camera's pose (4, 4); None takes that of capture.json.
 
     Raises:
-        FormatError: a file that cannot be used, a marker that is not found, was moved, or is no square of
-            this size; names the file, the place and the mend.
+        FormatError: a file that cannot be used, a marker that is not found, was moved, is no square of this
+            size, or has two poses that show it alike; names the file, the place and the mend.
     """
     shots, path = read_shots(folder), Path(folder) / MARKERS
     if world_from_camera is None and not shots.placed:
@@ -181,6 +181,10 @@ def _placed(
         raise FormatError(
             problem, file=path, place=place, mend="measure marker_m, its black square's side; check camera.fx"
         )
+    # More frames do not tell: what draws a corner aside draws it the same way in all.
+    if not pose.is_clear:
+        problem = f"two poses, turned by {np.degrees(pose.apart_rad):.0f} degrees, show the same corners"
+        raise FormatError(problem, file=path, place=place, mend="give depth, or record it nearer")
     each = [one.camera_from_target for c in corners if (one := _pose(c, side_m, shots.matrix, face))]
     scatter_m, scatter_rad = _scatter(np.array(each))
     world = view @ pose.camera_from_target

@@ -44,9 +44,13 @@ def recorded(path: Path, count: int = 4, depth: bool = True, noise: float = 4.0,
     things = [(boards.marker(number, SIDE), eye @ pose @ FLIP) for number, pose in PLACES.items()]
     folder = boards.folder(path, [boards.photograph(things, rng, noise) for _ in range(count)], boards.VIEW)
     if not depth:
-        lines = (folder / "frames.csv").read_text().splitlines()
-        (folder / "frames.csv").write_text("\n".join(line.rsplit(",", 1)[0] for line in lines) + "\n")
+        without_depth(folder)
     return describe(folder, **changes)
+
+
+def without_depth(folder: Path) -> None:
+    lines = (folder / "frames.csv").read_text().splitlines()
+    (folder / "frames.csv").write_text("\n".join(line.rsplit(",", 1)[0] for line in lines) + "\n")
 
 
 def describe(folder: Path, **changes: Any) -> Path:
@@ -85,6 +89,40 @@ def test_other_shapes_and_places_follow_their_marker(tmp_path: Path) -> None:
     np.testing.assert_allclose(got, PLACES[3][:3, :3] @ own, atol=0.01)
     np.testing.assert_allclose(second["normal"], PLACES[4][:3, 2], atol=0.01)
     assert "center_m" not in second
+
+
+def seen_from(distance_m: float, tilt_rad: float, path: Path, depth: bool, count: int = 1) -> Path:
+    """A folder of one marker at this distance, tilted about the camera's vertical axis."""
+    rng = np.random.default_rng(5)
+    pose = boards.pose([0.25, boards.VIEW[1, 3] + distance_m, -0.05])
+    pose[:3, :3] = Rotation.from_rotvec([0, 0.3 * tilt_rad, tilt_rad]).as_matrix() @ FACING
+    thing = [(boards.marker(3, SIDE), np.linalg.inv(boards.VIEW) @ pose @ FLIP)]
+    shots = [boards.photograph(thing, rng, back_m=distance_m + 0.2) for _ in range(count)]
+    folder = boards.folder(path, shots, boards.VIEW)
+    if not depth:
+        without_depth(folder)
+    return describe(folder, markers=[{"id": 3, "obstacle": boards.CYLINDER}])
+
+
+@pytest.mark.parametrize("count", [1, 4])
+@pytest.mark.parametrize("tilt_rad", [-0.3, 0.2, 0.4])
+def test_of_two_poses_that_show_the_same_corners_none_is_taken(
+    tmp_path: Path, tilt_rad: float, count: int
+) -> None:
+    """Of a small marker from afar: more frames do not tell, depth does."""
+    with pytest.raises(FormatError, match=r"marker 3: two poses, turned by \d+ degrees, show the same"):
+        find_obstacles(seen_from(1.2, tilt_rad, tmp_path / "color", depth=False, count=count))
+    (found,) = find_obstacles(seen_from(1.2, tilt_rad, tmp_path / "depth", depth=True, count=count))
+    upright = Rotation.from_rotvec([0, 0.3 * tilt_rad, tilt_rad]).as_matrix() @ FACING[:, 2]
+    assert np.degrees(np.arccos(np.clip(upright @ found.obstacle.values["axis"], -1, 1))) < 4
+
+
+@pytest.mark.parametrize("tilt_rad", [-0.3, 0.0, 0.02, 0.2, 0.4])
+def test_from_near_one_pose_is_clear_without_depth(tmp_path: Path, tilt_rad: float) -> None:
+    """Also where both poses are nearly one, as the marker faces the camera."""
+    (found,) = find_obstacles(seen_from(0.45, tilt_rad, tmp_path / "color", depth=False))
+    upright = Rotation.from_rotvec([0, 0.3 * tilt_rad, tilt_rad]).as_matrix() @ FACING[:, 2]
+    assert np.degrees(np.arccos(np.clip(upright @ found.obstacle.values["axis"], -1, 1))) < 2
 
 
 def test_a_marker_s_corners_are_not_drawn_inwards() -> None:
