@@ -1,4 +1,7 @@
-"""Images of a capture, read strictly: a damaged file is refused, never half decoded."""
+"""Images of a capture, read strictly: a damaged file is refused, never half decoded.
+
+Every damage of a PNG shows in its checksums. A JPEG has none: there what makes no sense is refused.
+"""
 
 from __future__ import annotations
 
@@ -112,11 +115,12 @@ def decode_color(data: bytes, path: Path, place: str | None = None) -> Image:
     """An 8-bit RGB image (H, W, 3) from a PNG or a JPEG.
 
     Raises:
-        FormatError: neither, truncated, damaged, or without colour.
+        FormatError: neither, truncated, damaged (of a JPEG as far as it shows), or without colour.
     """
     if data.startswith(JPEG):
-        # OpenCV refuses a truncated JPEG by itself. A turn noted in one would turn it against its depth.
-        image = _decoded(data, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+        # A turn noted in a JPEG would turn it against its depth.
+        flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+        image = _decoded(data, flags) if _makes_sense(data) else None
         if image is None:
             raise FormatError("is a damaged JPEG", file=path, place=place, mend="record or copy it again")
     else:
@@ -138,6 +142,23 @@ def decode_depth(data: bytes, path: Path, place: str | None = None) -> NDArray[n
         mend = "save depth as 16-bit; is color named as depth?"
         raise FormatError(f"is {_kind(image)}, not 16-bit grey", file=path, place=place, mend=mend)
     return image  # type: ignore[return-value]
+
+
+def _makes_sense(jpeg: bytes) -> bool:
+    """Whether FFmpeg, told to overlook nothing, finds no damage: OpenCV makes up what it cannot decode."""
+    import av
+
+    decoder = av.CodecContext.create("mjpeg", "r")
+    assert isinstance(decoder, av.VideoCodecContext)
+    decoder.options = {"err_detect": "explode", "max_pixels": str(LARGEST_PX**2)}
+    try:
+        decoder.decode(av.Packet(jpeg))
+    except av.error.InvalidDataError:
+        return False
+    except av.error.FFmpegError:
+        # of a kind that it does not know: OpenCV may
+        return True
+    return True
 
 
 def _decoded(data: bytes, flags: int) -> NDArray[Any] | None:
