@@ -199,7 +199,7 @@ def scene_of(setups: Sequence[Setup]) -> Scene:
         [
             Scene(
                 s.joints[None], s.segments[None], s.particles[None], s.contacts[None], s.obstacles[None],
-                s.grips[None], clamped, s.symmetric,
+                s.grips[None], clamped, s.symmetric, s.path_dependent,
             )
             for s in setups
         ]

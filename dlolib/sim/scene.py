@@ -40,6 +40,7 @@ class Scene:
         grips: (B, 2, 3): stiffness of the clamps about their axes [N m/rad]; 0: held fast.
         clamped: (B, 2): 1 where an end is held.
         symmetric: whether every law and contact has an energy, so that the Hessian is symmetric.
+        path_dependent: whether the ropes remember their way: a law or a contact has a history.
     """
 
     joints: Floats
@@ -50,6 +51,7 @@ class Scene:
     grips: Floats
     clamped: np.ndarray[tuple[int, ...], np.dtype[np.int32]]
     symmetric: bool
+    path_dependent: bool
 
     def arrays(self) -> tuple[np.ndarray, ...]:
         """The arrays in the order in which every kernel takes them."""
@@ -66,7 +68,9 @@ class Scene:
     def of(self, rope: int) -> Scene:
         """One rope of the batch."""
         own = [part[[rope]] for part in self.arrays()]
-        return Scene(own[0], own[1], own[2], own[3], own[4], own[5], own[6], self.symmetric)
+        return Scene(
+            own[0], own[1], own[2], own[3], own[4], own[5], own[6], self.symmetric, self.path_dependent
+        )
 
     @property
     def slips(self) -> int:
@@ -89,6 +93,7 @@ class Scene:
         return Scene(
             joined[0], joined[1], joined[2], joined[3], joined[4], joined[5], joined[6],
             symmetric=all(scene.symmetric for scene in scenes),
+            path_dependent=any(scene.path_dependent for scene in scenes),
         )  # fmt: skip
 
     @property

@@ -135,8 +135,7 @@ def roll_out(scene: Scene, state: State, path: Path, clock: Clock) -> Rollout:
             mend="hold an end, or simulate it dynamically",
         )
     rollout, status = _launch(scene, state, path, clock)
-    forgets = scene.symmetric and not scene.has_laws
-    if status.any() and clock == Clock(None) and forgets:
+    if status.any() and clock == Clock(None) and not scene.path_dependent:
         for rope in np.flatnonzero(status.any(axis=1)):
             _snap(rollout, status, int(rope))
     refuse(status)

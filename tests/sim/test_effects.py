@@ -10,10 +10,12 @@ from sim.ropes import EI, GJ, GRAVITY, LEVEL, ROPE, swing
 
 from dlolib.errors import ParameterError
 from dlolib.sim import simulate
+from dlolib.sim.assembly import scalars3
 from dlolib.sim.differentiate import Case, Cotangent, Variation, gradient, sensitivities, zero_tangent
-from dlolib.sim.effects import EFFECTS, named, of_the_rope
+from dlolib.sim.effects import EFFECTS, LAWS, Setup, named, nonlinear_bending, of_the_rope
 from dlolib.sim.recording import RecordingModel
 from dlolib.sim.rod import Rod, scene_of, setup
+from dlolib.sim.runtime import ti, vec2
 from dlolib.sim.scene import INERTIA, LOAD
 from dlolib.sim.sides import sides_of
 from dlolib.sim.simulate import Clock, roll_out
@@ -145,6 +147,50 @@ def test_a_law_that_is_not_there_has_the_derivative_of_a_little_of_it(
     found = model.predict(rod, ["bending_stiffness", name]).by_parameter[..., 1]
     by = (model.predict(rod.with_values({name: little})).xyz_m - model.predict(rod).xyz_m) / little
     assert np.linalg.norm(found - by) < 0.02 * np.linalg.norm(by)
+
+
+@ti.kernel
+def bent_by(curvatures: vec2, cubic: float, out: scalars3):
+    """Into out[0]: moment, the work, the moment's derivatives of a rope as stiff about both axes."""
+    zero = vec2(0.0)
+    moment, _h, work, m_now, _mb, _mp, _hn, _hb, _hp, _branch = nonlinear_bending.respond(
+        curvatures, zero, zero, vec2(0.5, -1.0), vec2(cubic, 0.0), vec2(EI, EI), EI, 1.0, -1
+    )
+    for r in range(2):
+        out[0, 0, r], out[0, 1, r] = moment[r], work
+        for c in range(2):
+            out[0, 2 + r, c] = m_now[r, c]
+
+
+@pytest.mark.parametrize("cubic", [0.003, -0.003])
+def test_of_a_round_rope_a_moment_that_is_not_proportional_has_a_potential(cubic: float) -> None:
+    """The moment is the slope of its work, and its derivatives, alike across, are that of the moment."""
+
+    def response(curvatures: Floats) -> Floats:
+        out = np.zeros((1, 4, 2))
+        bent_by(vec2(*curvatures), cubic, out)
+        return out[0] / EI
+
+    at, step = np.array([4.0, -9.0]), 1e-4
+    here = response(at)
+    sides = [(response(at + by) - response(at - by)) / (2 * step) for by in step * np.eye(2)]
+    assert here[0] == pytest.approx([side[1, 0] for side in sides], rel=1e-7)
+    assert here[2:] == pytest.approx(np.array([side[0] for side in sides]).T, rel=1e-7)
+    assert here[2, 1] == pytest.approx(here[3, 0], rel=1e-14)
+
+
+def test_what_has_a_history_and_what_has_a_potential() -> None:
+    def made(values: Mapping[str, float]) -> Setup:
+        return setup(Rod(ROPE, EI, GJ, values, PARTICLES), GRAVITY, Ends(), (TABLE,))
+
+    remember = {law.NAME: made(named(law.NAME, TRIES[law.NAME].values)).path_dependent for law in LAWS}
+    assert [name for name, does in remember.items() if not does] == ["nonlinear_bending"]
+    rubbing = made({"contact_friction.coefficient": 0.3})
+    assert rubbing.path_dependent and not rubbing.symmetric
+    cubic = {"nonlinear_bending.cubic": 0.003}
+    assert made(cubic).symmetric and made({**cubic, "anisotropic_bending.stiffness_ratio": 1.0}).symmetric
+    assert not made({**cubic, "anisotropic_bending.stiffness_ratio": 1.1}).symmetric
+    assert not made({**cubic, **RUBBING}).symmetric
 
 
 def test_a_derivative_at_the_edge_of_yielding_is_that_of_the_branch_taken() -> None:

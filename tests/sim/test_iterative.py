@@ -255,7 +255,9 @@ def test_same_bytes_again_and_in_any_batch():
         iterative.gradient(both, weights).joint_d.tobytes()
         == iterative.gradient(again, weights).joint_d.tobytes()
     )
-    second = Scene(*(np.ascontiguousarray(array[1:]) for array in rope.arrays()), symmetric=True)
+    second = Scene(
+        *(np.ascontiguousarray(array[1:]) for array in rope.arrays()), symmetric=True, path_dependent=False
+    )
     alone = iterative.roll_out(
         second,
         State(state.x[1:], state.before[1:], state.q[1:]),

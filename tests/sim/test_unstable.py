@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from sim.ropes import ROPE
 from sim.test_recording import recording
 
@@ -35,9 +36,45 @@ def shape(made: Recording, rod: Rod) -> Floats:
     return np.asarray(RecordingModel(made, rod.particles, None).roll_out(rod).x[0, -1])
 
 
-def test_a_soft_standing_rope_falls_to_the_ground() -> None:
+def turned_over(rows: int = 50) -> Recording:
+    """The other end free, the start turned from level through upright, 140 degrees in 7 s."""
+    t_s, angles = np.linspace(0, 7, rows), np.linspace(0, np.deg2rad(140), rows)
+    about_y = Rotation.from_rotvec(-angles[:, None] * np.array([0.0, 1.0, 0.0]))
+    turned = about_y * Rotation.from_quat(LEVEL, scalar_first=True)
+    made = moved(t_s.tolist(), np.tile(FREE, (rows, 1)), LEVEL)
+    return replace(made, motion=replace(made.motion, start_q=turned.as_quat(scalar_first=True)))
+
+
+# Laws without a history, of next to no size.
+HARDLY = [{}, {"nonlinear_bending.cubic": 1e-9}, {"nonlinear_bending.cubic": -1e-9}]
+
+
+@pytest.mark.parametrize("effects", HARDLY, ids=str)
+def test_a_soft_standing_rope_falls_to_the_ground(effects: dict[str, float]) -> None:
     standing = moved([0.0, 1.0], np.tile(FREE, (2, 1)), UP)
-    assert shape(standing, Rod(ROPE, 3e-4, 3e-4))[-1, 2] < -0.3
+    assert shape(standing, Rod(ROPE, 3e-4, 3e-4, effects))[-1, 2] < -0.3
+
+
+@pytest.mark.parametrize("stiffness", [1e-3, 3e-3])
+@pytest.mark.parametrize("effects", HARDLY[1:], ids=str)
+def test_a_law_without_a_history_and_of_no_size_snaps_as_no_law_does(
+    effects: dict[str, float], stiffness: float
+) -> None:
+    made, rod = turned_over(), Rod(ROPE, stiffness, stiffness)
+    plain, other = shape(made, rod), shape(made, replace(rod, effects=effects))
+    assert plain[-1, 0] < -0.1
+    assert np.abs(other - plain).max() < 1e-5 * ROPE.length_m
+
+
+@pytest.mark.parametrize("cubic", [3e-3, -3e-3])
+@pytest.mark.parametrize("ratio", [1.0, 1.05])
+def test_a_rope_whose_moment_is_not_proportional_snaps_to_where_it_would_settle(
+    cubic: float, ratio: float
+) -> None:
+    values = {"nonlinear_bending.cubic": cubic, "anisotropic_bending.stiffness_ratio": ratio}
+    made, rod = turned_over(), Rod(ROPE, 3e-3, 3e-3, values)
+    there = replace(made, motion=replace(made.motion, start_q=np.tile(made.motion.start_q[-1], (50, 1))))
+    assert shape(made, rod) == pytest.approx(shape(there, rod), abs=1e-5 * ROPE.length_m)
 
 
 @pytest.mark.parametrize("effects", [{}, {"plastic_bending.yield_curvature": 100.0}], ids=str)

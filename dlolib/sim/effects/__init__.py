@@ -139,16 +139,25 @@ def applied(setup: Setup, values: Mapping[str, float]) -> Setup:
             setup = change.apply(setup, _whole(change, given[change.NAME]))
     for number, law in enumerate(LAWS):
         if law.NAME in given:
-            column = FIRST_COLUMN + 2 * number
             pair = law.coefficients(_whole(law, given[law.NAME]))
-            # the joint of an end that nobody holds has no stiffness, and no law puts a moment there
-            holds = setup.joints[:, [STIFFNESS]] > 0
-            setup = setup.with_joints(slice(column, column + 2), holds * np.asarray(pair))
-            if any(pair) and not law.SYMMETRIC:
-                setup = setup.unsymmetric()
-            if any(pair) and hasattr(law, "RELAXES"):
-                setup = replace(setup, relaxes_s=min(setup.relaxes_s, pair[law.RELAXES]))
+            if any(pair):
+                setup = _bending_by(setup, number, pair)
     return setup
+
+
+def _bending_by(setup: Setup, number: int, pair: tuple[float, float]) -> Setup:
+    """The set-up with the law of this number, by its two coefficients, in every joint that holds a moment."""
+    law, column = LAWS[number], FIRST_COLUMN + 2 * number
+    # the joint of an end that nobody holds has no stiffness, and no law puts a moment there
+    holds = setup.joints[:, [STIFFNESS]] > 0
+    has_potential = law.SYMMETRIC or (getattr(law, "ROUND", False) and setup.is_round)
+    relaxes_s = pair[law.RELAXES] if hasattr(law, "RELAXES") else np.inf
+    return replace(
+        setup.with_joints(slice(column, column + 2), holds * np.asarray(pair)),
+        symmetric=setup.symmetric and has_potential,
+        path_dependent=setup.path_dependent or not getattr(law, "FORGETS", False),
+        relaxes_s=min(setup.relaxes_s, relaxes_s),
+    )
 
 
 def _whole(effect: Effect | Law, given: Mapping[str, float]) -> dict[str, float]:

@@ -18,7 +18,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dlolib.sim.scene import LAWS
+from dlolib.sim.scene import STIFFNESS
 from dlolib.types import Ends, Floats, Rope
 
 NO_TURN = NO_SHIFT = (0.0, 0.0, 0.0)
@@ -72,7 +72,9 @@ class Effect(Protocol):
     which a fit may begin where the rope is off as the `Hint` says. A law may have `REMEMBERS`: what happened
     before the recording shows in it (`prior_history`); `IDEAL`: it has a form that no real rope has to the
     last digit; `ABRUPT`: it sets in past a threshold, and no linear step foretells what it would gain;
-    `RELAXES`: which of its two coefficients is the time in which its moment fades at rest.
+    `RELAXES`: which of its two coefficients is the time in which its moment fades at rest; `FORGETS`: it has
+    no history, its moment is that of the curvature now; `ROUND`: it has a potential where all joints are as
+    stiff about one axis as about the other.
     """
 
     @property
@@ -92,13 +94,14 @@ class Effect(Protocol):
 class Law(Protocol):
     """A module of this folder whose effect is a moment in every joint.
 
-    SYMMETRIC: whether the moment has a potential within a step. The kernel's function `respond(now, before,
-    past, rest, p, d, ei, dt, branch)` takes the curvature (2) of a joint, that of the step before, the law's
-    history (2), the curvature at rest (2), the two coefficients, EI about both axes, the rope's uniform EI,
-    the duration of the step, and which branch of the law to take (to yield or not to; -1: as it comes out).
-    It returns the moment beside D (now - rest), the new history, the work of that moment since the step
-    before, six 2 x 2 matrices (the moment's derivatives by now, before and past, and the history's), and the
-    branch. A derivative stays on its branch: at rest on a yield surface, differences would mix two.
+    SYMMETRIC: whether the moment has a potential within a step, in whatever rope. The kernel's function
+    `respond(now, before, past, rest, p, d, ei, dt, branch)` takes the curvature (2) of a joint, that of the
+    step before, the law's history (2), the curvature at rest (2), the two coefficients, EI about both axes,
+    the rope's uniform EI, the duration of the step, and which branch of the law to take (to yield or not to;
+    -1: as it comes out). It returns the moment beside D (now - rest), the new history, the work of that
+    moment since the step before, six 2 x 2 matrices (the moment's derivatives by now, before and past, and
+    the history's), and the branch. A derivative stays on its branch: at rest on a yield surface, differences
+    would mix two.
     """
 
     @property
@@ -169,7 +172,7 @@ class Setup:
         arc_m: arc length of the particles (n,) [m], as recorded (a `length_error` does not change it).
         joints, segments, particles, contacts, obstacles, grips: one rope's rows of `Scene`.
         weight: mass that gravity acts on, by particle (n,) [kg].
-        symmetric: as in `Scene`.
+        symmetric, path_dependent: as in `Scene`.
         moving: whether inertia or drag act, so that time passes between the steps.
         relaxes_s: the time in which a law's moment fades at rest [s].
         turns: how the start's and the end's frames are turned away from the recorded ones, about their own
@@ -191,6 +194,7 @@ class Setup:
     grips: Floats
     weight: Floats
     symmetric: bool = True
+    path_dependent: bool = False
     moving: bool = False
     relaxes_s: float = np.inf
     turns: tuple[tuple[float, float], tuple[float, float]] = ((0.0, 0.0), (0.0, 0.0))
@@ -198,11 +202,6 @@ class Setup:
     delay_s: float = 0.0
     slip: Slip = field(default_factory=Slip)
     camera: Camera = field(default_factory=Camera)
-
-    @property
-    def path_dependent(self) -> bool:
-        """Whether the rope remembers its way: a law or a contact with history."""
-        return bool(self.joints[:, LAWS:].any()) or not self.symmetric
 
     @cached_property
     def mechanics(self) -> tuple[Hashable, ...]:
@@ -225,15 +224,17 @@ class Setup:
         middles = (self.arc_m[1:] + self.arc_m[:-1]) / 2
         return np.concatenate([self.arc_m[:1], middles]), np.concatenate([middles, self.arc_m[-1:]])
 
+    @property
+    def is_round(self) -> bool:
+        """Whether every joint is as stiff about one axis as about the other."""
+        first, second = self.joints[:, STIFFNESS : STIFFNESS + 2].T
+        return np.array_equal(first, second)
+
     def with_joints(self, columns: slice | int, values: ArrayLike) -> Setup:
         """A copy with some columns of every joint set; of a slice (n, columns) or what spreads to it."""
         joints = self.joints.copy()
         joints[:, columns] = values
         return replace(self, joints=joints)
-
-    def unsymmetric(self) -> Setup:
-        """A copy whose forces have no potential."""
-        return replace(self, symmetric=False)
 
     def with_load(self, force_n: Floats) -> Setup:
         """A copy with a further load (n, 3) [N] on the particles."""

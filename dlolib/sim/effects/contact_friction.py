@@ -22,4 +22,4 @@ def apply(setup: Setup, values: Mapping[str, float]) -> Setup:
         return setup
     obstacles = setup.obstacles.copy()
     obstacles[:, FRICTION] = values["coefficient"]
-    return replace(setup, obstacles=obstacles, symmetric=False)
+    return replace(setup, obstacles=obstacles, symmetric=False, path_dependent=True)

@@ -16,7 +16,8 @@ PARAMETERS = (
     ),
 )
 IDEAL = True
-SYMMETRIC = False  # together with anisotropic_bending it has no potential
+FORGETS = True
+SYMMETRIC, ROUND = False, True  # together with anisotropic_bending it has no potential
 
 
 def coefficients(values):
