@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -67,7 +68,8 @@ class RecordingModel(Scene):
 def read_recording(folder: Path) -> Recording:
     """Read and check a recording.
 
-    Points are ordered by frame, then arc length. In a planar recording an empty or absent y is 0.
+    Points are ordered by frame, then arc length. In a planar recording, which shows no y, theirs is that of
+    the line between the held ends; of a rope that nobody holds an empty or absent y is 0.
 
     Raises:
         FormatError: names the file, its line and column or its key, and the mend.
@@ -80,6 +82,8 @@ def read_recording(folder: Path) -> Recording:
     check_ends(motion, ends, rope, folder / "motion.csv")
     check_clear(motion, model.parsed_obstacles(), folder / "motion.csv")
     points = _read_points(folder / "points.csv", rope, model.planar)
+    if model.planar:
+        points = _between_ends(points, motion, rope)
     _check_against_motion(points, motion, rope, folder / "motion.csv")
     check_extent(points, motion, rope, path)
     _check_noise(model, points, rope, path)
@@ -184,6 +188,21 @@ def _read_points(path: Path, rope: Rope, planar: str | None) -> Points:
         raise table.refusal(row, "s_m", problem, "remove one of them")
     check_places(frame, s_m, xyz, rope, path, lines)
     return Points(frame, table.numbers["t_s"][order], s_m, xyz, _covariance(table, order, planar))
+
+
+def _between_ends(points: Points, motion: Motion, rope: Rope) -> Points:
+    """The points with y on the line between the held ends, or that of the one that is held.
+
+    No fit counts it. But a rope among obstacles is sought from where it was seen, and far aside of its ends
+    that would be past the obstacles.
+    """
+    held = interpolate_motion(motion, points.t_s)
+    first, last = held.start_m[:, 1], held.end_m[:, 1]
+    start, end = np.where(np.isnan(first), last, first), np.where(np.isnan(last), first, last)
+    y_m = start + points.s_m / rope.length_m * (end - start)
+    xyz_m = points.xyz_m.copy()
+    xyz_m[:, 1] = np.where(np.isnan(y_m), xyz_m[:, 1], y_m)
+    return replace(points, xyz_m=xyz_m)
 
 
 def _check_frames(table: Table, frame: Ints) -> None:

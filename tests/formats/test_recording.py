@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from formats import samples
 
 from dlolib.errors import FormatError
 from dlolib.formats import read_capture_index, read_recording, write_recording
-from dlolib.types import Noise, Recording
+from dlolib.types import Ends, Floats, Noise, Recording
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "data"
 
@@ -99,6 +102,52 @@ def test_a_planar_recording_needs_no_y(tmp_path: Path) -> None:
     for line in range(2, 32):
         samples.set_cell(folder / "points.csv", line, "y_m", "")
     assert (read_recording(folder).points.xyz_m[:, 1] == 0).all()
+
+
+@pytest.mark.parametrize(
+    ("start_y", "end_y", "expected"),
+    [("1.5", "1.5", lambda share: 1.5), ("0.1", "0.2", lambda share: 0.1 + 0.1 * share)],
+)
+@pytest.mark.parametrize("given", ["", "0"])
+def test_in_a_planar_recording_y_is_on_the_line_between_the_ends(
+    tmp_path: Path, start_y: str, end_y: str, expected: Callable[[Floats], Floats], given: str
+) -> None:
+    folder = samples.recording_folder(tmp_path / "r")
+    samples.set_key(folder / "recording.json", "planar", "xz")
+    samples.set_key(folder / "recording.json", "obstacles", [])
+    for line in range(2, 32):
+        samples.set_cell(folder / "points.csv", line, "y_m", given)
+    for line in range(2, 7):
+        samples.set_cell(folder / "motion.csv", line, "start_y_m", start_y)
+        samples.set_cell(folder / "motion.csv", line, "end_y_m", end_y)
+    points = read_recording(folder).points
+    assert points.xyz_m[:, 1] == pytest.approx(expected(points.s_m / samples.ROPE.length_m), abs=1e-12)
+    seen = pd.read_csv(folder / "points.csv")
+    assert np.array_equal(points.xyz_m[:, [0, 2]], seen[["x_m", "z_m"]])
+
+
+@pytest.mark.parametrize("free", ["start", "end"])
+def test_in_a_planar_recording_y_is_that_of_the_held_end(tmp_path: Path, free: str) -> None:
+    made = samples.recording()
+    poses = {
+        f"{end}_m": getattr(made.motion, f"{end}_m") + np.array([0.0, 0.3, 0.0]) for end in ("start", "end")
+    }
+    poses |= {f"{free}_m": np.full((5, 3), np.nan), f"{free}_q": np.full((5, 4), np.nan)}
+    ends = replace(made.ends, **{free: "free"})
+    write_recording(
+        replace(made, ends=ends, motion=replace(made.motion, **poses), planar="xz"), tmp_path / "r"
+    )
+    assert (read_recording(tmp_path / "r").points.xyz_m[:, 1] == 0.3).all()
+
+
+def test_in_a_planar_recording_of_a_rope_that_nobody_holds_y_is_what_it_says(tmp_path: Path) -> None:
+    made = samples.recording()
+    nowhere = {f"{end}_m": np.full((5, 3), np.nan) for end in ("start", "end")}
+    nowhere |= {f"{end}_q": np.full((5, 4), np.nan) for end in ("start", "end")}
+    motion, points = replace(made.motion, **nowhere), replace(made.points, xyz_m=made.points.xyz_m + 0.25)
+    falling = replace(made, ends=Ends("free", "free"), motion=motion, points=points, planar="xz")
+    write_recording(falling, tmp_path / "r")
+    assert (read_recording(tmp_path / "r").points.xyz_m[:, 1] == 0.25).all()
 
 
 def refused(folder: Path, name: str) -> str:
