@@ -15,11 +15,11 @@ import numpy as np
 from dlolib.errors import SimulationError
 from dlolib.sim.begun import motion_model
 from dlolib.sim.effects import parameter
-from dlolib.sim.poses import Model
+from dlolib.sim.poses import Model, model_of, near
 from dlolib.sim.recording import RecordingModel
 from dlolib.sim.rod import Rod
 from dlolib.sim.steps import dynamic_step
-from dlolib.types import Floats, Recording
+from dlolib.types import Floats, Points, Recording
 
 LOG = logging.getLogger(__name__)
 BY_MESH = "its shape depends on the mesh: a finer one takes another; the points are those of {} particles"
@@ -94,8 +94,9 @@ def simulated(
 ) -> Recording:
     """The recording with its points replaced by the simulated ones, at the same times and arc lengths.
 
-    With effects the first shape is sought from that without them, as in a diagnosis: where a rope may rest in
-    two shapes, both take the same.
+    As in a fit, settled poses each begin where the recording's own points are, if these are a rope's. With
+    effects a motion's first shape is sought from that without them, as in a diagnosis: where a rope may rest
+    in two shapes, both take the same.
 
     Args:
         recording, rod: what moves, and the rope with its mesh.
@@ -103,10 +104,12 @@ def simulated(
         finer: so many times as fine is the mesh that foretells the continuous rod; with 1, and with the
             iterative solver, whose stiffness depends on its mesh altogether, the points are the mesh's own.
     """
-    near = replace(rod, effects={}) if rod.effects and sweeps is None else None
     if step_s is not None and sweeps is None:
         step_s = dynamic_step(recording.motion, step_s)
-    model = motion_model(recording, rod.particles, step_s, sweeps, near)
+    ready = model_of if _are_of_a_rope(recording.points) else motion_model
+    model: Model = ready(recording, rod.particles, step_s, sweeps)
+    if rod.effects and sweeps is None:
+        model = near(model, replace(rod, effects={}))
     xyz = model.predict(rod).xyz_m
     if finer > 1 and sweeps is None:
         error = known_mesh_error(model, refined(model, finer), rod)
@@ -119,6 +122,12 @@ def simulated(
     points = replace(recording.points, xyz_m=xyz, covariance_m2=None)
     told = f"{SIMULATED} {recording.name}"
     return replace(recording, points=points, source=told, position_noise_m=0.0, noise=None)
+
+
+def _are_of_a_rope(points: Points) -> bool:
+    """Whether no two neighbours of a frame are in one place, as where only times and arc lengths count."""
+    apart_m = np.linalg.norm(np.diff(points.xyz_m, axis=0), axis=1)
+    return bool((apart_m[np.diff(points.frame) == 0] > 0.0).all())
 
 
 def _say_too_long(recording: Recording, rod: Rod) -> None:
@@ -136,7 +145,7 @@ def _say_too_long(recording: Recording, rod: Rod) -> None:
         LOG.warning("warning: %s: %s, the rope is %.4g m long; %s", recording.name, at, length, mend)
 
 
-def _say_idle(model: RecordingModel, rod: Rod) -> None:
+def _say_idle(model: Model, rod: Rod) -> None:
     """Effects that can do nothing in this recording, or belong to an end that nobody holds."""
     ends, name = model.recording.ends, model.recording.name
     for effect in dict.fromkeys(part.partition(".")[0] for part in rod.effects):
@@ -149,7 +158,7 @@ def _say_idle(model: RecordingModel, rod: Rod) -> None:
             LOG.warning("warning: %s: %s does nothing here", name, effect)
 
 
-def _moves(model: RecordingModel, rod: Rod, without: Rod) -> float:
+def _moves(model: Model, rod: Rod, without: Rod) -> float:
     """How far [m] an effect moves any point at most."""
     one, other = model.setup(rod), model.setup(without)
     if one.mechanics == other.mechanics and one.camera == other.camera:

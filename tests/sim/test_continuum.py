@@ -8,12 +8,14 @@ from sim.ropes import EI, GJ, ROPE
 from sim.test_recording import recording
 
 from dlolib.errors import SimulationError
+from dlolib.sim.begun import motion_model
 from dlolib.sim.continuum import mesh_error, refined, simulated
+from dlolib.sim.poses import PosesModel, model_of, near
 from dlolib.sim.recording import RecordingModel
 from dlolib.sim.rod import Rod
 from dlolib.sim.sides import Prediction
 from dlolib.sim.steps import dynamic_step
-from dlolib.types import Ends, Motion, Recording
+from dlolib.types import Ends, Motion, Points, Recording
 
 
 def off(model: RecordingModel, finely: RecordingModel) -> tuple[float, float]:
@@ -79,6 +81,39 @@ def test_two_meshes_that_take_two_shapes_make_no_third(
     caplog.clear()
     np.testing.assert_array_equal(simulated(made, rod, finer=4).points.xyz_m, own)
     assert "its shape depends on the mesh: a finer one takes another" in caplog.text
+
+
+def settled_poses() -> Recording:
+    """Two held ends, brought near each other and apart again, a pose every 5 s; its points are nowhere."""
+    made, t_s = recording(), 5.0 * np.arange(9)
+    nearer = np.sin(np.pi * t_s / t_s[-1]) ** 2
+    end = np.array([0.33, 0, 0.02]) + nearer[:, None] * np.array([-0.17, 0.0, 0.05])
+    turn, s_m = np.tile([0.5, 0.5, 0.5, 0.5], (9, 1)), np.linspace(0.05, 0.4, 7)
+    points = Points(np.repeat([*range(9)], 7), np.repeat(t_s, 7), np.tile(s_m, 9), np.zeros((63, 3)))
+    return replace(made, motion=Motion(t_s, 0 * end, turn, end, turn), points=points)
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [
+        {},
+        {"plastic_bending.yield_curvature": 6.0},
+        {"internal_friction.saturation_curvature": 1.0},
+        {"viscoelastic_bending.modulus_ratio": 0.4, "viscoelastic_bending.relaxation_time": 20.0},
+    ],
+    ids=str,
+)
+def test_settled_poses_are_played_back_as_they_were_fitted(effects: dict[str, float]) -> None:
+    """Way unknown: each from where it was seen. Where the points are nowhere they are the motion's."""
+    bare, elastic = settled_poses(), Rod(ROPE, EI, GJ, particles=30)
+    seen, rod = simulated(bare, elastic), replace(elastic, effects=effects)
+    model = model_of(seen, 30, None)
+    assert isinstance(model, PosesModel)
+    np.testing.assert_array_equal(simulated(seen, rod).points.xyz_m, model.predict(rod).xyz_m)
+    corrected = model.predict(rod).xyz_m + mesh_error(model, refined(model, 2), rod)
+    np.testing.assert_array_equal(simulated(seen, rod, finer=2).points.xyz_m, corrected)
+    followed = near(motion_model(bare, 30, None), elastic) if effects else motion_model(bare, 30, None)
+    np.testing.assert_array_equal(simulated(bare, rod).points.xyz_m, followed.predict(rod).xyz_m)
 
 
 def stretched(apart_m: float) -> Recording:
