@@ -13,6 +13,7 @@ from dlolib.sim import simulate
 from dlolib.sim.assembly import scalars3
 from dlolib.sim.differentiate import Case, Cotangent, Variation, gradient, sensitivities, zero_tangent
 from dlolib.sim.effects import EFFECTS, LAWS, Setup, named, nonlinear_bending, of_the_rope
+from dlolib.sim.effects.base import Slip
 from dlolib.sim.recording import RecordingModel
 from dlolib.sim.rod import Rod, scene_of, setup
 from dlolib.sim.runtime import ti, vec2
@@ -338,6 +339,26 @@ def test_the_gradient_passes_through_a_state_with_history(effect: str) -> None:
 def test_what_makes_no_sense_is_refused(effect: str, values: Mapping[str, float], says: str) -> None:
     with pytest.raises(ParameterError, match=says):
         named(effect, values)
+
+
+@pytest.mark.parametrize("time_s", [3.0, 3.06])
+@pytest.mark.parametrize("duration_s", [0.0, 1e-5])
+def test_a_slip_that_hardly_lasts_has_no_derivative_by_how_long(time_s: float, duration_s: float) -> None:
+    """A frame at its middle or not; and how far a derivative looks to either side reverses no slip."""
+    made = recording()
+    made = replace(made, points=replace(made.points, t_s=made.points.frame + 1.0))
+    model = RecordingModel(made, PARTICLES, 0.02)
+    slip = {"length": 0.005, "time": time_s, "duration": duration_s}
+    predicted = model.predict(rod_with("grasp_slip", slip), ["grasp_slip.duration", "grasp_slip.length"])
+    by_duration, by_length = np.moveaxis(predicted.by_parameter, 2, 0)
+    assert np.abs(by_duration).max() < 1e-9
+    assert np.abs(by_length).max() > 0.1
+
+
+def test_a_slip_at_once_is_the_limit_of_short_ones() -> None:
+    t_s = np.array([2.0, 3.0, 4.0])
+    for duration_s in (1e-3, 0.0, -1e-3):
+        assert Slip(0.01, 3.0, duration_s).gone(t_s) == pytest.approx([0.0, 0.005, 0.01], abs=1e-15)
 
 
 @pytest.mark.parametrize("time_s", [-100.0, 1.7e9])

@@ -133,7 +133,10 @@ class Hint:
 
 @dataclass(frozen=True)
 class Slip:
-    """Rope that slips through the end's grasp: length · ½ (1 + tanh((t - time) / duration)) is gone."""
+    """Rope that slips through the end's grasp: length · ½ (1 + tanh((t - time) / duration)) is gone.
+
+    A duration of 0 or less is a step: so a difference to either side of 0 reverses no slip.
+    """
 
     length_m: float = 0.0
     time_s: float = 0.0
@@ -141,9 +144,10 @@ class Slip:
 
     def gone(self, t_s: Floats) -> Floats:
         """Length that has slipped out at the times t_s [m]."""
-        if self.duration_s == 0.0:
-            return np.where(t_s >= self.time_s, self.length_m, 0.0)
-        return np.asarray(self.length_m * 0.5 * (1.0 + np.tanh((t_s - self.time_s) / self.duration_s)))
+        since_s = t_s - self.time_s
+        # at the time itself half is gone, as it is however short a slip lasts
+        side = np.tanh(since_s / self.duration_s) if self.duration_s > 0.0 else np.sign(since_s)
+        return np.asarray(self.length_m * 0.5 * (1.0 + side))
 
 
 @dataclass(frozen=True)
