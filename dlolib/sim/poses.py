@@ -22,17 +22,20 @@ from dlolib.sim.begun import STANDARD_GRAVITY_M_S2, motion_model
 from dlolib.sim.differentiate import Case, Variation, sensitivities
 from dlolib.sim.effects.base import Setup
 from dlolib.sim.observe import point_weights, viewing_axis
-from dlolib.sim.recording import RecordingModel, check_mesh, held_path, held_poses
+from dlolib.sim.recording import STRAIGHT, RecordingModel, check_mesh, held_path, held_poses
 from dlolib.sim.rod import Rod, scene_of, setup
 from dlolib.sim.sides import Prediction, Sides, as_seen, sides_of, traced
 from dlolib.sim.simulate import Path, Rollout, State
-from dlolib.sim.start import settle, shape_seen
+from dlolib.sim.start import first_shape, settle, shape_seen
 from dlolib.sim.steps import REMEMBERED, largest_step, quasi_static_times
 from dlolib.sim.upright import upright
-from dlolib.types import Floats, Ints, Motion, Recording
+from dlolib.sim.winding import twists, wound
+from dlolib.types import Floats, Ints, Motion, Pose, Recording
 
 # Share of the time between two poses in which the ends go from one to the other.
 UNDERWAY = 0.1
+# How long before its first row a rope hung as it is held there; any time does [s].
+BEFORE_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -142,16 +145,33 @@ class PosesModel:
 
     def _observed(self, frames: int) -> State:
         """For each frame a smooth curve through the held ends and the observed points, as a first shape."""
-        points, motion, rope = self.recording.points, self._motion, self.recording.rope
-        shapes = []
-        for k in range(frames):
-            x = np.stack([motion.start_m[k], motion.end_m[k]])
-            q = np.stack([motion.start_q[k], motion.end_q[k]])
-            held, mine = held_poses(x, q, self.recording.ends), self._which == k
-            seen = points.s_m[mine], points.xyz_m[mine]
-            shapes.append(shape_seen(*seen, rope.length_m, self.particles, *held))
-        places = np.concatenate([one.x for one in shapes])
-        return State(places, places.copy(), np.concatenate([one.q for one in shapes]))
+        shapes = [self._shape(k) for k in range(frames)]
+        places, q = (np.concatenate([getattr(one, part) for one in shapes]) for part in ("x", "q"))
+        if self.recording.ends.start == self.recording.ends.end == "clamped":
+            turned = self._twists(places)
+            q = np.array(
+                [wound(x, own[0], own[-1], twist) for x, own, twist in zip(places, q, turned, strict=True)]
+            )
+        return State(places, places.copy(), q)
+
+    def _twists(self, places: Floats) -> Floats:
+        """How far the rope is twisted from held end to held end at each frame, by the way there [rad]."""
+        motion, length_m = self.recording.motion, self.recording.rope.length_m
+        start, end = Pose(motion.start_m[0], motion.start_q[0]), Pose(motion.end_m[0], motion.end_q[0])
+        length_m = max(length_m, STRAIGHT * float(np.linalg.norm(end.position_m - start.position_m)))
+        # what hangs in a plane tells how it was gripped; what it bent to by the first frame may not
+        hangs = first_shape(length_m, self.particles, start, end, self.recording.gravity_m_s2)
+        times_s = np.append(motion.t_s[0] - BEFORE_S, self._times)
+        return twists(motion, times_s, np.concatenate([hangs.x, places]))[1:]
+
+    def _shape(self, k: int) -> State:
+        """The curve of frame k, its frames twisted the least."""
+        points, motion = self.recording.points, self._motion
+        x = np.stack([motion.start_m[k], motion.end_m[k]])
+        q = np.stack([motion.start_q[k], motion.end_q[k]])
+        held, mine = held_poses(x, q, self.recording.ends), self._which == k
+        seen = points.s_m[mine], points.xyz_m[mine]
+        return shape_seen(*seen, self.recording.rope.length_m, self.particles, *held)
 
 
 Model = RecordingModel | PosesModel

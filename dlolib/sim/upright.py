@@ -53,8 +53,8 @@ def unrolled(recording: Recording) -> bool:
     return held and not (ends.start_roll_known and ends.end_roll_known)
 
 
-def about_axis(quaternions: Floats, angle: float) -> Floats:
-    """Frames (T, 4) turned about their own third axis by an angle [rad], no sign flipped."""
+def about_axis(quaternions: Floats, angle: float | Floats) -> Floats:
+    """Frames (T, 4) turned about their own third axis by an angle or angles (T,) [rad], no sign flipped."""
     c, s = np.cos(angle / 2), np.sin(angle / 2)
     w, x, y, z = quaternions.T
     return np.stack([c * w - s * z, c * x + s * y, c * y - s * x, c * z + s * w], axis=1)
