@@ -17,7 +17,7 @@ from scipy.interpolate import make_splprep
 
 from dlolib.errors import SimulationError
 from dlolib.formats import interpolate_motion
-from dlolib.sim.differentiate import Case, Tangent, Variation, sensitivities, zero_tangent
+from dlolib.sim.differentiate import Case, Tangent, Variation, sensitivities, tangent_between
 from dlolib.sim.effects.base import Setup
 from dlolib.sim.recording import RecordingModel, held_poses
 from dlolib.sim.rod import Rod, scene_of
@@ -54,16 +54,20 @@ class BegunModel(RecordingModel):
         """One step before the first frame, drawn to the rope's length; how fast it is `_state` says."""
         if not made.moving:
             return super()._at_rest(made)
-        path = self.path(made, self.times(made)[:1])
+        seen, held = self._drawing(made, self.times(made))
+        if made.path_dependent:
+            there = self._remembered(made)
+            seen = replace(seen, past=there.past, slip=there.slip)
+        return roll_out(held.scene, seen, held.path, Clock(DRAWN_S, momentum=0.0))
+
+    def _drawing(self, made: Setup, times: Floats) -> tuple[State, Case]:
+        """The rope as it was seen, and how it is held while it is drawn to its length."""
+        path = self.path(made, times[:1])
         place, speed = self._seen
         x = place - (self.step_s or 0.0) * speed
         poses = held_poses(x[[0, -1]], path.q[0, 0], self.recording.ends)
         seen = State(x[None], x[None].copy(), frames_along(x, *poses)[None])
-        if made.path_dependent:
-            there = self._remembered(made)
-            seen = replace(seen, past=there.past, slip=there.slip)
-        held = Path(x[None, None, [0, -1]], path.q[:, :1]).still(DRAWN)
-        return roll_out(scene_of([made]), seen, held, Clock(DRAWN_S, momentum=0.0))
+        return seen, Case(scene_of([made]), Path(x[None, None, [0, -1]], path.q[:, :1]).still(DRAWN))
 
     def _state(self, made: Setup, rest: Rollout) -> State:
         if not made.moving:
@@ -71,21 +75,16 @@ class BegunModel(RecordingModel):
         return replace(rest.final, before=rest.final.x - (self.step_s or 0.0) * self._seen[1][None])
 
     def _tangent(self, made: Setup, rest: Rollout, sides: Sequence[Sides], times: Floats) -> Tangent:
-        """No parameter moves what was seen, but what is remembered."""
+        """Parameters move how the ends are turned, what is remembered and drawn, but not what was seen."""
         if not made.moving:
             return super()._tangent(made, rest, sides, times)
-        none = zero_tangent(rest.scene, len(sides))
-        if not any(one.path_dependent for one in (made, *(side for both in sides for side in both[:2]))):
-            return none
-        there = self._remembered_by(made, sides)
-        begun = replace(none, past=there.past, slip=there.slip)
-        held = rest.path
-        ways = [
-            Variation(Case(scene_of([ahead]), held), Case(scene_of([behind]), held), width)
-            for ahead, behind, width in sides
-        ]
-        drawn = sensitivities(rest, ways, np.array([DRAWN]), begun)[1]
-        return replace(none, past=drawn.past, slip=drawn.slip)
+        drawings = [(self._drawing(a, times), self._drawing(b, times), width) for a, b, width in sides]
+        begun = tangent_between(rest.scene, [(a[0], b[0], width) for a, b, width in drawings])
+        if any(one.path_dependent for one in (made, *(side for both in sides for side in both[:2]))):
+            there = self._remembered_by(made, sides)
+            begun = replace(begun, past=there.past, slip=there.slip)
+        ways = [Variation(a[1], b[1], width) for a, b, width in drawings]
+        return sensitivities(rest, ways, np.array([DRAWN]), begun)[1]
 
     def _remembered(self, made: Setup) -> State:
         """The rope that went the ends' way to the first frame slowly."""

@@ -15,7 +15,7 @@ from dlolib.sim.explicit import CONTACT, GRIP, JOINT, PARTICLE, SEGMENT
 from dlolib.sim.joints import HISTORY
 from dlolib.sim.runtime import LANES
 from dlolib.sim.scene import Scene
-from dlolib.sim.simulate import Clock, Path, Rollout, banded, columns, refuse, steps_of
+from dlolib.sim.simulate import Clock, Path, Rollout, State, banded, columns, refuse, steps_of
 from dlolib.types import Floats
 
 
@@ -201,6 +201,14 @@ def zero_tangent(scene: Scene, count: int) -> Tangent:
     place = np.zeros((ropes, count, n, 3))
     turn, past = np.zeros((ropes, count, n + 1, 3)), np.zeros((ropes, count, n, HISTORY))
     return Tangent(place, place.copy(), turn, past, np.zeros((ropes, count, scene.slips, 3)))
+
+
+def tangent_between(scene: Scene, sides: Sequence[tuple[State, State, float]]) -> Tangent:
+    """Of a state at rest that each parameter puts at one of two places, a little to either side, so far apart
+    in the parameter; what it remembers depends on none."""
+    x = np.stack([(one.x - other.x) / width for one, other, width in sides], axis=1)
+    turn = np.stack([_turn(other.q, one.q) / width for one, other, width in sides], axis=1)
+    return replace(zero_tangent(scene, len(sides)), x=x, turn=turn).at_rest()
 
 
 def _cases(rollout: Rollout, variations: Sequence[Variation]) -> tuple[np.ndarray, ...]:
