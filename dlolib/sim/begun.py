@@ -25,7 +25,7 @@ from dlolib.sim.sides import Sides
 from dlolib.sim.simulate import Clock, Path, Rollout, State, roll_out
 from dlolib.sim.start import frames_along
 from dlolib.sim.upright import upright
-from dlolib.types import Floats, Points, Recording
+from dlolib.types import Floats, Motion, Points, Recording
 
 STANDARD_GRAVITY_M_S2 = 9.81
 # An end that is faster than this share of √(gL) begins in motion: started at rest the rope would be off by
@@ -50,6 +50,9 @@ class BegunModel(RecordingModel):
     def _ahead_s(self, made: Setup) -> float:
         return 0.0 if made.moving else super()._ahead_s(made)
 
+    def _begins_as_seen(self, made: Setup) -> bool:
+        return made.moving
+
     def _at_rest(self, made: Setup) -> Rollout:
         """One step before the first frame, drawn to the rope's length; how fast it is `_state` says."""
         if not made.moving:
@@ -63,7 +66,7 @@ class BegunModel(RecordingModel):
     def _drawing(self, made: Setup, times: Floats) -> tuple[State, Case]:
         """The rope as it was seen, and how it is held while it is drawn to its length."""
         path = self.path(made, times[:1])
-        place, speed = self._seen
+        place, speed = self._seen(made)
         x = place - (self.step_s or 0.0) * speed
         poses = held_poses(x[[0, -1]], path.q[0, 0], self.recording.ends)
         seen = State(x[None], x[None].copy(), frames_along(x, *poses)[None])
@@ -72,10 +75,10 @@ class BegunModel(RecordingModel):
     def _state(self, made: Setup, rest: Rollout) -> State:
         if not made.moving:
             return super()._state(made, rest)
-        return replace(rest.final, before=rest.final.x - (self.step_s or 0.0) * self._seen[1][None])
+        return replace(rest.final, before=rest.final.x - (self.step_s or 0.0) * self._seen(made)[1][None])
 
     def _tangent(self, made: Setup, rest: Rollout, sides: Sequence[Sides], times: Floats) -> Tangent:
-        """Parameters move how the ends are turned, what is remembered and drawn, but not what was seen."""
+        """Parameters move what was seen, how the ends are turned, what is remembered and what is drawn."""
         if not made.moving:
             return super()._tangent(made, rest, sides, times)
         drawings = [(self._drawing(a, times), self._drawing(b, times), width) for a, b, width in sides]
@@ -84,7 +87,9 @@ class BegunModel(RecordingModel):
             there = self._remembered_by(made, sides)
             begun = replace(begun, past=there.past, slip=there.slip)
         ways = [Variation(a[1], b[1], width) for a, b, width in drawings]
-        return sensitivities(rest, ways, np.array([DRAWN]), begun)[1]
+        drawn = sensitivities(rest, ways, np.array([DRAWN]), begun)[1]
+        faster = [(self._seen(a)[1] - self._seen(b)[1]) / width for a, b, width in sides]
+        return replace(drawn, before=drawn.x - (self.step_s or 0.0) * np.stack(faster)[None])
 
     def _remembered(self, made: Setup) -> State:
         """The rope that went the ends' way to the first frame slowly."""
@@ -98,7 +103,7 @@ class BegunModel(RecordingModel):
 
         def gone(model: RecordingModel) -> Tangent:
             rest, times = model._at_rest(slow), model.times(slow)
-            begun = model._tangent(slow, rest, slowly, times).at_rest()
+            begun = model._tangent(slow, rest, slowly, times)
             ways = [model._variation(*side, times) for side in slowly]
             return sensitivities(model._moved(slow, rest), ways, np.array([len(times)]), begun)[1]
 
@@ -113,11 +118,27 @@ class BegunModel(RecordingModel):
         return RecordingModel(replace(self.recording, points=frame), self.particles, self.step_s)
 
     @cached_property
-    def _seen(self) -> tuple[Floats, Floats]:
+    def _log(self) -> Motion:
+        """With a row before the first: the ends, which a late clock asks for, moved then as after it."""
+        motion, lasts_s = self.recording.motion, float(np.ptp(self._first_points.t_s))
+        now_s = motion.t_s[0]
+        after = interpolate_motion(motion, np.array([now_s + lasts_s]))
+        x = [2 * getattr(motion, end)[:1] - getattr(after, end) for end in ("start_m", "end_m")]
+        q = [_turned_back(getattr(motion, end)[:1], getattr(after, end)) for end in ("start_q", "end_q")]
+        before = (np.array([now_s - lasts_s]), x[0], q[0], x[1], q[1])
+        rows = (motion.t_s, motion.start_m, motion.start_q, motion.end_m, motion.end_q)
+        return Motion(*(np.concatenate(both) for both in zip(before, rows, strict=True)))
+
+    def _seen(self, made: Setup) -> tuple[Floats, Floats]:
         """Where the rope's particles are at the first frame (n, 3) [m], and how fast (n, 3) [m/s]."""
+        return self._kept.get(("seen", made.camera, made.delay_s), lambda: self._curves(made))
+
+    def _curves(self, made: Setup) -> tuple[Floats, Floats]:
+        """The smooth curves through the first points and the ends as they are held."""
         recording, points = self.recording, self._first_points
         t_s, s_m, xyz_m = _in_all_frames(points)
-        motion, length_m = interpolate_motion(recording.motion, t_s), recording.rope.length_m
+        xyz_m = self._true_m(xyz_m, made)
+        motion, length_m = self._logged(t_s - made.delay_s), recording.rope.length_m
         held = {0.0: motion.start_m, length_m: motion.end_m}
         held = {s: x for s, x in held.items() if np.isfinite(x).all()}
         inside = [k for k, s in enumerate(s_m) if all(abs(s - end) > ON_CLAMP * length_m for end in held)]
@@ -143,6 +164,11 @@ class BegunModel(RecordingModel):
 
         speeds = np.tensordot(line, xyz_m, 1)
         return curve(xyz_m[0], noise_m), curve(speeds, noise_m * float(np.linalg.norm(line)))
+
+
+def _turned_back(q: Floats, after: Floats) -> Floats:
+    """Frames (T, 4) as far before q as `after` is after it."""
+    return np.asarray(2 * np.sum(q * after, axis=1, keepdims=True) * q - after)
 
 
 def _in_all_frames(points: Points) -> tuple[Floats, Floats, Floats]:

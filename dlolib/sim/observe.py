@@ -92,6 +92,14 @@ def seen(xyz_m: Floats, camera: Camera, axis: Floats) -> Floats:
     return np.asarray(xyz_m @ turn.T + camera.depth_m * axis + np.array(camera.shift_m))
 
 
+def unseen(xyz_m: Floats, camera: Camera, axis: Floats) -> Floats:
+    """The true points (..., 3) [m] of those that such a camera shows: the inverse of `seen`."""
+    if camera == Camera():
+        return xyz_m
+    turn = Rotation.from_rotvec(camera.rotation).as_matrix()
+    return np.asarray((xyz_m - camera.depth_m * axis - np.array(camera.shift_m)) @ turn)
+
+
 def turned(vectors: Floats, camera: Camera) -> Floats:
     """Derivatives of true points (..., 3) as derivatives of seen ones."""
     if camera.rotation == Camera().rotation:
@@ -99,4 +107,4 @@ def turned(vectors: Floats, camera: Camera) -> Floats:
     return np.asarray(vectors @ Rotation.from_rotvec(camera.rotation).as_matrix().T)
 
 
-__all__ = ["Sampling", "point_weights", "sampling_of", "seen", "turned", "viewing_axis"]
+__all__ = ["Sampling", "point_weights", "sampling_of", "seen", "turned", "unseen", "viewing_axis"]

@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 from dlolib.errors import ParameterError, SimulationError
 from dlolib.formats import interpolate_motion
 from dlolib.sim import iterative
-from dlolib.sim.differentiate import Case, Tangent, Variation, sensitivities, zero_tangent
+from dlolib.sim.differentiate import Case, Tangent, Variation, sensitivities, tangent_between
 from dlolib.sim.effects.base import Setup
-from dlolib.sim.observe import Sampling, point_weights, sampling_of, viewing_axis
+from dlolib.sim.observe import Sampling, point_weights, sampling_of, unseen, viewing_axis
 from dlolib.sim.rod import Rod, scene_of, setup
 from dlolib.sim.scene import FRICTION
 from dlolib.sim.sides import Prediction, Sides, as_seen, sides_of, traced
@@ -225,7 +225,21 @@ class RecordingModel:
 
     def _released(self, made: Setup) -> State:
         first, points = self._first_points.t_s == self._first_points.t_s.min(), self._first_points
-        return released(points.s_m[first], points.xyz_m[first], made.segments[:, 0])
+        # the points' arc lengths are shares of the recorded length
+        s_m = points.s_m[first] * (made.length_m / self.recording.rope.length_m)
+        return released(s_m, self._true_m(points.xyz_m[first], made), made.segments[:, 0])
+
+    def _true_m(self, xyz_m: Floats, made: Setup) -> Floats:
+        """Where points (..., 3) [m] are that the camera showed."""
+        return unseen(xyz_m, made.camera, viewing_axis(self.recording))
+
+    def _begins_as_seen(self, made: Setup) -> bool:
+        """Whether the rope begins where the camera showed it."""
+        return not self._held
+
+    def _moves(self, made: Setup) -> tuple[Hashable, ...]:
+        """All that tells apart how set-ups move."""
+        return made.mechanics, made.camera if self._begins_as_seen(made) else None
 
     def _moved(self, made: Setup, rest: Rollout) -> Rollout:
         path, state = self.path(made, self.times(made)), self._state(made, rest)
@@ -256,7 +270,11 @@ class RecordingModel:
     def _logged(self, times: Floats) -> Motion:
         """The motion as the robot logged it, at these of its own times."""
         way = ("logged", times.tobytes())
-        return self._kept.get(way, lambda: interpolate_motion(self.recording.motion, times))
+        return self._kept.get(way, lambda: interpolate_motion(self._log, times))
+
+    @cached_property
+    def _log(self) -> Motion:
+        return self.recording.motion
 
     def predict(self, rod: Rod, parameters: Sequence[str] = ()) -> Prediction:
         """Simulate the recording's points and, by forward sensitivities, their derivatives."""
@@ -277,16 +295,16 @@ class RecordingModel:
             raise SimulationError(error.problem, file=error.file, place=place, mend=error.mend) from error
 
     def _responding(self, made: Setup, sides: Sequence[Sides]) -> Prediction:
-        rest, rollout = self._solved.get(made.mechanics, lambda: self._both(made))
+        rest, rollout = self._solved.get(self._moves(made), lambda: self._both(made))
         sampling, axis = self._sampling(made), viewing_axis(self.recording)
         xyz = sampling(rollout.x[0, 1 + sampling.steps][:, None])[:, 0]
 
         def moved(some: Sequence[Sides]) -> Floats:
             tangent = self._tangent(made, rest, some, sampling.times_s)
             ways = [self._variation(*side, sampling.times_s) for side in some]
-            return sampling(sensitivities(rollout, ways, sampling.steps + 1, tangent.at_rest())[0][0])
+            return sampling(sensitivities(rollout, ways, sampling.steps + 1, tangent)[0][0])
 
-        return as_seen(xyz, made.camera, axis, sides, moved)
+        return as_seen(xyz, made.camera, axis, sides, moved, self._moves)
 
     def _both(self, made: Setup) -> tuple[Rollout, Rollout]:
         """The first shape and the whole motion."""
@@ -299,12 +317,12 @@ class RecordingModel:
         return Kept(4)
 
     def _tangent(self, made: Setup, rest: Rollout, sides: Sequence[Sides], times: Floats) -> Tangent:
-        """Derivatives of the first state by the parameters."""
+        """Derivatives of the first state, and of how fast it is, by the parameters."""
         if self._held:
             first = [self._variation(*side, times[:1]) for side in sides]
-            return sensitivities(rest, first, np.array([1]))[1]
-        moved = [(self._released(a).x - self._released(b).x) / width for a, b, width in sides]
-        return replace(zero_tangent(rest.scene, len(sides)), x=np.stack(moved, axis=1))
+            return sensitivities(rest, first, np.array([1]))[1].at_rest()
+        placed = [(self._released(a), self._released(b), width) for a, b, width in sides]
+        return tangent_between(rest.scene, placed)
 
     def _variation(self, ahead: Setup, behind: Setup, width: float, times: Floats) -> Variation:
         one, other = (Case(scene_of([s]), self.path(s, times)) for s in (ahead, behind))

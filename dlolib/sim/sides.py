@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Protocol
 
 import numpy as np
@@ -68,13 +69,14 @@ def as_seen(
     axis: Floats,
     sides: Sequence[Sides],
     moved: Callable[[Sequence[Sides]], Floats],
+    moves: Callable[[Setup], Hashable] = attrgetter("mechanics"),
 ) -> Prediction:
     """True points (P, 3) [m] as the camera shows them, and their derivatives by what tells each two sides.
 
-    `moved` gives the true points' derivatives (P, C, 3) by those that move the rope; what moves the camera
-    alone needs no simulation.
+    `moved` gives the true points' derivatives (P, C, 3) by those that move the rope, which `moves` tells
+    apart; what moves the camera alone needs no simulation.
     """
-    moving = [k for k, (one, other, _) in enumerate(sides) if one.mechanics != other.mechanics]
+    moving = [k for k, (one, other, _) in enumerate(sides) if moves(one) != moves(other)]
     by = np.zeros((*xyz_m.shape, len(sides)))
     if moving:
         by[:, :, moving] = np.moveaxis(turned(moved([sides[k] for k in moving]), camera), 1, 2)

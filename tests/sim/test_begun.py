@@ -12,6 +12,9 @@ from dlolib.errors import SimulationError
 from dlolib.sim.begun import BegunModel, in_motion, motion_model
 from dlolib.sim.continuum import simulated
 from dlolib.sim.effects import parameter
+from dlolib.sim.effects.base import Camera
+from dlolib.sim.observe import seen as seen_through
+from dlolib.sim.observe import viewing_axis
 from dlolib.sim.recording import RecordingModel
 from dlolib.sim.rod import Rod
 from dlolib.types import Ends, Floats, Motion, Points, Recording
@@ -149,6 +152,59 @@ def underway() -> Recording:
     return replace(blank, motion=logged, points=replace(points, xyz_m=xyz_m))
 
 
+def seen_by(recording: Recording, camera: Camera) -> Recording:
+    """The same, shown by a camera that is not where it is believed to be."""
+    xyz_m = seen_through(recording.points.xyz_m, camera, viewing_axis(recording))
+    return replace(recording, points=replace(recording.points, xyz_m=xyz_m))
+
+
+def most_off(recording: Recording, effects: dict[str, float]) -> float:
+    """How far [m] from where it was seen the rope is, at the worst."""
+    rod = Rod(ropes.ROPE, ropes.EI, ropes.GJ, effects)
+    found = motion_model(recording, 30, 0.01).predict(rod).xyz_m
+    return float(np.linalg.norm(found - recording.points.xyz_m, axis=1).max())
+
+
+@pytest.mark.parametrize(
+    ("camera", "effects"),
+    [
+        (Camera(depth_m=0.02), {"camera_pose.depth": 0.02}),
+        (Camera(rotation=(0.0, 0.05, 0.0)), {"camera_pose.rotation_2": 0.05}),
+        (Camera(shift_m=(0.01, 0.0, 0.01)), {"camera_pose.shift_1": 0.01, "camera_pose.shift_3": 0.01}),
+    ],
+    ids=str,
+)
+def test_it_begins_where_it_was_and_not_where_a_camera_showed_it(
+    camera: Camera, effects: dict[str, float]
+) -> None:
+    truly = most_off(underway(), {})
+    assert most_off(seen_by(underway(), camera), effects) == pytest.approx(truly, rel=1e-3)
+    assert most_off(seen_by(underway(), camera), {}) > 3 * truly
+
+
+@pytest.mark.parametrize("late_s", [0.15, 0.05, -0.05, -0.15])
+def test_its_ends_begin_where_the_camera_s_clock_has_them(late_s: float) -> None:
+    """Also before the log's first row, when they moved as after it."""
+    made = underway()
+    logged = replace(made, motion=replace(made.motion, t_s=made.motion.t_s - late_s))
+    truly = most_off(made, {})
+    assert most_off(logged, {"clock_offset.time": late_s}) < 1.5 * truly
+
+
+def test_where_the_ends_were_before_the_log_s_first_row() -> None:
+    """They go on as after it, in place and in turn, for as long as the first frames last."""
+    made = underway()
+    model, first = motion_model(made, 30, 0.01), made.motion.t_s[0]
+    now, early, late = (model._logged(np.array([first + by])) for by in (0.0, -0.2, 0.2))
+    assert early.end_m == pytest.approx(2 * now.end_m - late.end_m)
+    turns = [
+        Rotation.from_quat(a.end_q, scalar_first=True).inv() * Rotation.from_quat(b.end_q, scalar_first=True)
+        for a, b in ((early, now), (now, late))
+    ]
+    assert turns[0].as_rotvec() == pytest.approx(turns[1].as_rotvec())
+    assert np.isnan(model._logged(np.array([first - 9.0])).end_m).sum() == 0
+
+
 def check_derivatives(recording: Recording, rod: Rod, names: list[str]) -> None:
     """By these parameters, against differences that are extrapolated."""
     model = motion_model(recording, rod.particles, 0.01)
@@ -176,6 +232,9 @@ VISCOUS = {"viscoelastic_bending.modulus_ratio": 0.4, "viscoelastic_bending.rela
         VISCOUS,
         {**VISCOUS, "end_angle.start_1": 0.1, "end_angle.end_2": 0.1, "end_twist.end": -0.3},
         {"internal_friction.saturation_curvature": 1.0, "internal_friction.transition_curvature": 3.0},
+        {"camera_pose.rotation_2": 0.05, "camera_pose.depth": 0.02, "clock_offset.time": 0.033},
+        {**VISCOUS, "camera_pose.rotation_3": 0.05, "camera_pose.shift_1": 0.01},
+        {**VISCOUS, "clock_offset.time": 0.033},
         {**BENT, "end_angle.start_1": 0.1, "length_error.relative": 0.03, "prior_history.kappa_1": 8.0},
     ],
     ids=str,
@@ -198,3 +257,15 @@ def test_what_parameters_do_to_the_start_is_in_the_derivatives(effects: dict[str
 def test_what_is_remembered_of_a_long_way_has_derivatives(effects: dict[str, float]) -> None:
     rod = Rod(ropes.ROPE, ropes.EI, ropes.GJ, {**AIR, **effects}, 20)
     check_derivatives(bent_before(), rod, ["bending_stiffness", *effects])
+
+
+@pytest.mark.parametrize("noise_m", [0.0, NOISE_M])
+def test_derivatives_by_what_moves_the_start_where_the_log_begins_with_the_frames(noise_m: float) -> None:
+    """A clock or a camera that is a little off takes the rope to either side of where it was seen."""
+    made = underway()
+    rows = made.motion
+    later = Motion(*(part[2:] for part in (rows.t_s, rows.start_m, rows.start_q, rows.end_m, rows.end_q)))
+    made = replace(made, motion=later, position_noise_m=noise_m)
+    names = ["clock_offset.time", "camera_pose.rotation_1", "camera_pose.depth", "length_error.relative"]
+    rod = Rod(ropes.ROPE, ropes.EI, ropes.GJ, dict.fromkeys(names, 0.0))
+    check_derivatives(made, rod, names)

@@ -12,6 +12,8 @@ from sim.ropes import EI, GJ, GRAVITY, LEVEL, ROPE, pose, way_of
 from dlolib.errors import SimulationError
 from dlolib.sim import simulate
 from dlolib.sim.effects import LAWS, named
+from dlolib.sim.effects.base import Camera
+from dlolib.sim.observe import seen, viewing_axis
 from dlolib.sim.recording import RecordingModel
 from dlolib.sim.rod import Rod, scene
 from dlolib.sim.simulate import Clock, Path, Rollout, State, roll_out
@@ -126,6 +128,48 @@ def test_a_recording_of_a_falling_rope(monkeypatch: pytest.MonkeyPatch) -> None:
         true = (4 * by[1] - by[0]) / 3
         off = np.linalg.norm(found.by_parameter[:, :, k] - true) / np.linalg.norm(true)
         assert off < 1e-5, name
+
+
+def curled(length_m: float, s_m: Floats) -> Recording:
+    """Ten frames of a curled rope of another length than recorded, which falls."""
+    rope = replace(ROPE, length_m=length_m, linear_density_kg_m=0.04 * ROPE.length_m / length_m)
+    t_s, empty = np.linspace(0, 0.25, 10), np.full((10, 7), np.nan)
+    motion = Motion(t_s, empty[:, :3], empty[:, 3:], empty[:, :3], empty[:, 3:])
+    frame, places = np.repeat(np.arange(10), len(s_m)), s_m * length_m / ROPE.length_m
+    points = Points(frame, t_s[frame], np.tile(places, 10), np.tile(curl(places), (10, 1)))
+    blank = Recording("falls", rope, GRAVITY, FREE, motion, points, quasi_static=False)
+    xyz_m = RecordingModel(blank, 30, 0.005).predict(Rod(rope, EI, GJ)).xyz_m
+    points = replace(points, s_m=np.tile(s_m, 10), xyz_m=xyz_m)
+    return replace(blank, rope=ROPE, points=points)
+
+
+@pytest.mark.parametrize("relative", [0.05, -0.05, 0.0])
+@pytest.mark.parametrize("camera", [Camera(), Camera(rotation=(0.0, 0.05, 0.0), depth_m=0.02)], ids=str)
+def test_a_falling_rope_begins_where_it_was_whatever_its_length_and_its_camera(
+    relative: float, camera: Camera
+) -> None:
+    made = curled((1 + relative) * ROPE.length_m, np.linspace(0, ROPE.length_m, 10))
+    shown = seen(made.points.xyz_m, camera, viewing_axis(made))
+    model = RecordingModel(replace(made, points=replace(made.points, xyz_m=shown)), 30, 0.005)
+    effects = {
+        "length_error.relative": relative,
+        "camera_pose.rotation_2": camera.rotation[1],
+        "camera_pose.depth": camera.depth_m,
+    }
+    off = np.linalg.norm(model.predict(Rod(ROPE, EI, GJ, effects)).xyz_m - shown, axis=1)
+    assert off.max() < 0.005 * ROPE.length_m
+
+
+@pytest.mark.parametrize("law", [{}, {"viscoelastic_bending.modulus_ratio": 0.4}], ids=str)
+def test_derivatives_by_what_moves_where_a_falling_rope_begins(law: dict[str, float]) -> None:
+    model = RecordingModel(curled(ROPE.length_m, np.linspace(0, ROPE.length_m, 10)), 30, 0.005)
+    moving = {"length_error.relative": 0.02, "camera_pose.rotation_1": 0.02, "camera_pose.rotation_2": 0.05}
+    rod = Rod(ROPE, EI, GJ, {**law, **moving})
+    found = model.predict(rod, [*moving]).by_parameter
+    for k, (name, value) in enumerate(moving.items()):
+        sides = (model.predict(rod.with_values({name: value + by})).xyz_m for by in (1e-6, -1e-6))
+        by = (next(sides) - next(sides)) / 2e-6
+        assert np.abs(found[..., k] - by).max() < 1e-4 * np.abs(by).max(), name
 
 
 def test_one_point_is_no_shape() -> None:
