@@ -44,11 +44,8 @@ CUBIC = 3
 class BegunModel(RecordingModel):
     """A recording whose rope does not start at rest, on the dynamic clock; without it there is no start."""
 
-    def _begin_s(self, step_s: float) -> float:
+    def _begin_s(self, step_s: float, late_s: float) -> float:
         return float(self._first_points.t_s.min())
-
-    def _ahead_s(self, made: Setup) -> float:
-        return 0.0 if made.moving else super()._ahead_s(made)
 
     def _begins_as_seen(self, made: Setup) -> bool:
         return made.moving
@@ -119,7 +116,7 @@ class BegunModel(RecordingModel):
 
     @cached_property
     def _log(self) -> Motion:
-        """With a row before the first: the ends, which a late clock asks for, moved then as after it."""
+        """With a row before the first, for a late clock: ends that move by then had moved as fast."""
         motion, lasts_s = self.recording.motion, float(np.ptp(self._first_points.t_s))
         now_s = motion.t_s[0]
         after = interpolate_motion(motion, np.array([now_s + lasts_s]))

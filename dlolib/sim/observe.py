@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
@@ -11,9 +11,6 @@ from scipy.spatial.transform import Rotation
 
 from dlolib.sim.effects.base import Camera
 from dlolib.types import Floats, Ints, Points, Recording
-
-# Times nearer to each other than this [s] are one.
-SAME_S = 1e-9
 
 
 def point_weights(points: Points, length_m: float, particles: int) -> Floats:
@@ -40,11 +37,6 @@ class Sampling:
         columns = np.moveaxis(field, 1, 2)
         found = self.weights @ columns.reshape(self.weights.shape[1], -1)
         return np.asarray(found.reshape(-1, *columns.shape[2:]))
-
-    def earlier(self, by_s: float) -> Sampling:
-        """The same from so much earlier on [s]: the first steps come once more before, as much earlier."""
-        before = self.times_s[self.times_s < self.times_s[0] + by_s - SAME_S] - by_s
-        return replace(self, times_s=np.concatenate([before, self.times_s]), steps=self.steps + len(before))
 
 
 def sampling_of(at_s: Floats, times_s: Floats, weights: Floats) -> Sampling:

@@ -29,8 +29,6 @@ from dlolib.types import Ends, Floats, Motion, Points, Pose, Recording
 FIRST = 3
 # Steps that do not follow a rope that rubs are made shorter by so much, down to this share of their length.
 SHORTER, SHORTEST = 0.25, 0.05
-# A moment at the first pose [s], longer than what a delay is differentiated with: it loses nothing either.
-EARLIER_S = 1e-3
 # A rope is seen where so many of its points, no fewer, are as far apart as along it, but for this share.
 FEWEST, ABOUT = 8, 0.2
 # A stretched rope begins a little longer than its ends are apart.
@@ -115,25 +113,31 @@ class RecordingModel:
             raise ParameterError("a dynamic recording needs a time step", mend="give rod.time_step_s")
         # to powers of two, or each step of a fit would have its own
         relaxes_s = float(2.0 ** np.floor(np.log2(made.relaxes_s)))
-        key = made.path_dependent, made.moving, relaxes_s
-        usual = self._samplings.get(key, lambda: self._sampled(*key))
-        return usual.earlier(self._ahead_s(made)) if made.delay_s < 0.0 else usual
+        key = made.path_dependent, made.moving, relaxes_s, self._late_s(made)
+        return self._samplings.get(key, lambda: self._sampled(*key))
 
-    def _ahead_s(self, made: Setup) -> float:
-        """How long before the log's first row a negative delay lets the motion begin [s]."""
+    def _late_s(self, made: Setup) -> float:
+        """By how much the steps go with the log [s]: those of the dynamic clock by whole ones, if earlier."""
         if not made.moving:
-            return EARLIER_S - made.delay_s
+            return made.delay_s
         step_s = self.step_s or np.inf
-        return float(step_s * np.ceil(-made.delay_s / step_s)) if self._held else 0.0
+        return float(step_s * np.floor(min(made.delay_s, 0.0) / step_s))
 
     @cached_property
     def _samplings(self) -> Kept:
-        return Kept()
+        """Of the last few set-ups: a fit of the clocks has one at every step, as large as the recording."""
+        return Kept(4)
 
-    def _sampled(self, remembers: bool, moving: bool, relaxes_s: float) -> Sampling:
-        points, length = self.recording.points, self.recording.rope.length_m
-        times = self._dynamic_times if moving else self._quasi_static_times(remembers, relaxes_s)
-        return sampling_of(points.t_s, times, point_weights(points, length, self.particles))
+    def _sampled(self, remembers: bool, moving: bool, relaxes_s: float, late_s: float) -> Sampling:
+        if moving:
+            times = self._dynamic_times(late_s)
+        else:
+            times = self._delayed(late_s)._quasi_static_times(remembers, relaxes_s)
+        return sampling_of(self.recording.points.t_s, times, self._weights)
+
+    @cached_property
+    def _weights(self) -> Floats:
+        return point_weights(self.recording.points, self.recording.rope.length_m, self.particles)
 
     def _at_rest(self, made: Setup) -> Rollout:
         path = self.path(made, self.times(made)[:1])
@@ -203,21 +207,38 @@ class RecordingModel:
         """Whether anybody holds the rope; else it falls from where it was seen first."""
         return "clamped" in (self.recording.ends.start, self.recording.ends.end)
 
-    @cached_property
-    def _dynamic_times(self) -> Floats:
+    def _dynamic_times(self, late_s: float) -> Floats:
         """Of the dynamic clock, whose steps follow the motion."""
         step_s = self.step_s or 0.0
-        times_s = dynamic_times(self.recording, step_s, self._begin_s(step_s))
-        check_speed(self.recording, times_s, step_s)
+        times_s = dynamic_times(self.recording, step_s, self._begin_s(step_s, late_s))
+        check_speed(self.recording, times_s - late_s, step_s)
         return times_s
+
+    def _delayed(self, late_s: float) -> RecordingModel:
+        """The same with a log that is so much later."""
+        if late_s == 0.0:
+            return self
+        motion = self.recording.motion
+        later = replace(motion, t_s=motion.t_s + late_s)
+        return replace(self, recording=replace(self.recording, motion=later))
+
+    def _later(self, times: Floats, by_s: float) -> Floats:
+        """The quasi-static times of a log that is so much later: what lies between frames goes with it, for a
+        rope may remember how long ago it moved."""
+        if by_s == 0.0:
+            return times
+        seen = np.isin(times, self.recording.points.t_s)
+        return np.maximum.accumulate(np.where(seen, times, times + by_s))
 
     def _quasi_static_times(self, remembers: bool, relaxes_s: float) -> Floats:
         share = self.share * REMEMBERED if remembers else 1.0
         return quasi_static_times(self.recording, share, relaxes_s=relaxes_s)
 
-    def _begin_s(self, step_s: float) -> float:
+    def _begin_s(self, step_s: float, late_s: float) -> float:
         """When the first step of the dynamic clock ends [s]."""
-        return float(self.recording.motion.t_s[0] if self._held else self._first_points.t_s.min() + step_s)
+        if not self._held:
+            return float(self._first_points.t_s.min() + step_s)
+        return float(self.recording.motion.t_s[0] + late_s)
 
     @cached_property
     def _first_points(self) -> Points:
@@ -325,7 +346,10 @@ class RecordingModel:
         return tangent_between(rest.scene, placed)
 
     def _variation(self, ahead: Setup, behind: Setup, width: float, times: Floats) -> Variation:
-        one, other = (Case(scene_of([s]), self.path(s, times)) for s in (ahead, behind))
+        by_s = 0.0 if ahead.moving else (ahead.delay_s - behind.delay_s) / 2
+        own = self._later(times, by_s), self._later(times, -by_s)
+        cases = zip((ahead, behind), own, strict=True)
+        one, other = (Case(scene_of([made]), self.path(made, at)) for made, at in cases)
         if len(times) == 1:
             # the equilibrium's one step is from itself
             one, other = (Case(c.scene, replace(c.path, dt_s=None)) for c in (one, other))

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from sim.ropes import EI, GJ, GRAVITY, LEVEL, ROPE, pose, swing, way_of
 
 from dlolib.errors import ParameterError, SimulationError
@@ -323,6 +324,7 @@ MEMORIES = {
         "internal_friction.saturation_curvature": 2.0,
         "internal_friction.transition_curvature": 1.0,
     },
+    "viscous": {"viscoelastic_bending.modulus_ratio": 0.5, "viscoelastic_bending.relaxation_time": 2.0},
 }
 
 
@@ -340,12 +342,38 @@ def test_a_log_that_is_ahead_loses_nothing_of_the_motion(law: str, quasi_static:
     assert np.linalg.norm(found - right, axis=1).max() < 1e-4
 
 
-def test_derivatives_by_a_log_that_is_ahead() -> None:
-    model = RecordingModel(recording(), 30, None)
-    rod, name = Rod(ROPE, EI, GJ, {**MEMORIES["friction"], "clock_offset.time": -0.313}), "clock_offset.time"
+@pytest.mark.parametrize("law", MEMORIES)
+@pytest.mark.parametrize("time_s", [2.0, -0.8])
+def test_steps_follow_the_motion_when_it_is_seen(law: str, time_s: float) -> None:
+    """The rope moves while nothing is seen: an end goes out and back, and rolls one that could not yield."""
+    t_s, made = np.linspace(0, 10, 201), recording()
+    gone = np.where((t_s > 1) & (t_s < 3), np.sin(np.pi * (t_s - 1) / 2), 0.0)[:, None]
+    rolled = (0.0 if MEMORIES[law] else 3 * np.pi) * np.clip((t_s[:, None] - 1) / 2, 0, 1)
+    level = Rotation.from_quat(LEVEL, scalar_first=True)
+    q = (level * Rotation.from_rotvec(rolled * [0.0, 0.0, 1.0])).as_quat(canonical=False, scalar_first=True)
+    start, held = np.zeros((201, 3)), np.tile(LEVEL, (201, 1))
+    motion = Motion(t_s, start, held, [0.33, 0.0, 0.02] + gone * [-0.17, 0.0, 0.05], q)
+    frame = np.repeat(np.arange(3), SEEN)
+    points = Points(
+        frame, np.array([0.0, 4.0, 9.0])[frame], made.points.s_m[: 3 * SEEN], np.zeros((3 * SEEN, 3))
+    )
+    made = replace(made, motion=motion, points=points)
+    shifted = replace(made, motion=replace(motion, t_s=t_s + time_s))
+    found, right = (
+        RecordingModel(one, 30, None).predict(Rod(ROPE, EI, GJ, {**MEMORIES[law], **also})).xyz_m
+        for one, also in ((made, {"clock_offset.time": time_s}), (shifted, {}))
+    )
+    assert found == pytest.approx(right, abs=1e-8)
+
+
+@pytest.mark.parametrize("law", MEMORIES)
+@pytest.mark.parametrize("time_s", [-0.313, 0.313])
+def test_derivatives_by_a_log_that_is_ahead_or_late(law: str, time_s: float) -> None:
+    model, name = RecordingModel(recording(), 30, None), "clock_offset.time"
+    rod = Rod(ROPE, EI, GJ, {**MEMORIES[law], name: time_s})
     found = model.predict(rod, [name]).by_parameter[:, :, 0]
-    ahead, behind = (model.predict(rod.with_values({name: -0.313 + by})).xyz_m for by in (1e-4, -1e-4))
-    by = (ahead - behind) / 2e-4
+    ahead, behind = (model.predict(rod.with_values({name: time_s + by})).xyz_m for by in (1e-5, -1e-5))
+    by = (ahead - behind) / 2e-5
     assert np.abs(found - by).max() < 1e-3 * np.abs(by).max()
 
 
