@@ -209,7 +209,8 @@ class Setup:
 
     @cached_property
     def mechanics(self) -> tuple[Hashable, ...]:
-        """All that tells set-ups of one recording apart but the camera: alike in it, they move alike."""
+        """All that tells set-ups of one recording apart but the camera: alike in it, they move alike, unless
+        they begin where the camera showed them."""
         values = [getattr(self, part.name) for part in fields(self) if part.name not in UNMOVING]
         return tuple(value.tobytes() if isinstance(value, np.ndarray) else value for value in values)
 
