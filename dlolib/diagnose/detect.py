@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 from scipy import optimize, stats
 
-from dlolib.diagnose.fitting import Fitted
+from dlolib.diagnose.fitting import Fitted, Hypothesis, fit
 from dlolib.diagnose.study import Study
 from dlolib.errors import DloError
 from dlolib.identify.problem import axes
@@ -23,8 +23,16 @@ from dlolib.types import Detectable, Floats
 POWER = 0.95
 # Sizes are sought to this many decades, over so many of them; what is larger than so many scales is absurd.
 CLOSE, DECADES, ABSURD = 0.02, 8.0, 3.0
+# Of what the baseline takes up more than this share, it takes more or less than a linear step tells.
+MOSTLY = 0.9
+# Logarithm of next to nothing of the gain that is needed.
+NOTHING = np.log(0.1)
 # Logarithm of a gain that is far from the one needed; its growth with a decade where it goes with the square.
 FAR, SQUARED, SECANTS = 50.0, 2 * np.log(10), 6
+
+
+# By how much the points of each recording move, (P, 3) [m].
+Moved = tuple[Floats, ...]
 
 
 @dataclass(frozen=True)
@@ -79,27 +87,42 @@ def sized(study: Study, base: Fitted, chance: float) -> Sized:
 
 
 def detectable(study: Study, job: tuple[Sized, Size]) -> Detectable:
-    """The size of an effect that is seen with 95 % power; the baseline's own parameters give way."""
+    """The size of an effect that is seen with 95 % power; the baseline's own parameters give way.
+
+    They do so linearly, and in full where that is nearly all: a load along gravity looks like another
+    stiffness, however large it is, and is seen in no size.
+    """
     beside, size = job
     full = f"{size.name}.{size.part}"
     known = parameter(full)
     form = min((f for f in forms(EFFECTS[size.name]) if size.part in f), key=len)
     needed = gain_needed(beside.chance, len(form))
-    absent: Floats | float = 0.0
+    absent: Moved | None = None
     if known.neutral == 0.0:  # drag is sought of a rope that is inert
         with contextlib.suppress(DloError):
-            absent = _changed(study, beside, {**size.others, full: 0.0})
+            absent = _moved(study, beside, {**size.others, full: 0.0})
 
-    @cache
-    def excess(decades: float) -> float:
-        try:
-            changed = _changed(study, beside, {**size.others, full: _value(known, decades)}) - absent
-        except DloError:
-            return FAR
-        gain = float(changed @ changed - np.sum((beside.basis.T @ changed) ** 2))
-        return float(np.clip(np.log(max(gain, 1e-300) / needed), -FAR, FAR))
+    def moved(decades: float) -> Moved:
+        found = _moved(study, beside, {**size.others, full: _value(known, decades)})
+        return found if absent is None else tuple(a - b for a, b in zip(found, absent, strict=True))
 
-    root = _root(excess, _largest(known))
+    def excess(gain: Callable[[Moved], float]) -> Callable[[float], float]:
+        """The logarithm of the gain of a size over the one needed."""
+
+        @cache
+        def of(decades: float) -> float:
+            try:
+                return float(np.clip(np.log(max(gain(moved(decades)), 1e-300) / needed), -FAR, FAR))
+            except DloError:
+                return FAR
+
+        return of
+
+    high = _largest(known)
+    root = _root(excess(lambda some: _gain(study, beside, some)), high)
+    with contextlib.suppress(DloError):
+        if root is not None and _given_way(study, beside, moved(root)) > MOSTLY:
+            root = _beyond(root, excess(lambda some: _left(study, beside, some))(root), high)
     unit = unit_of(full, study.seen[0].recording.rope.linear_density_kg_m is not None)
     return Detectable(size.name, size.part, None if root is None else _value(known, root), unit)
 
@@ -119,6 +142,13 @@ def _root(excess: Callable[[float], float], high: float) -> float | None:
     if excess(high) < 0:
         return None
     return low if excess(low) > 0 else float(optimize.brentq(excess, low, high, xtol=CLOSE))
+
+
+def _beyond(decades: float, left: float, high: float) -> float | None:
+    """The decades of a size that is seen where one leaves so much (as a logarithm) less than is needed; None
+    where it leaves next to nothing, so that no size would do that still is a change of the same kind."""
+    further = decades + max(-left, 0.0) / SQUARED
+    return None if left < NOTHING or further > high else further
 
 
 def _value(known: Parameter, decades: float) -> float:
@@ -154,13 +184,41 @@ def _basis(study: Study, base: Fitted) -> Floats:
     return np.asarray(np.linalg.qr(np.concatenate(rows))[0])
 
 
-def _changed(study: Study, beside: Sized, values: dict[str, float]) -> Floats:
-    """Whitened change of all points (R,)."""
-    parts = []
-    for k, (one, clean) in enumerate(zip(study.seen, beside.clean_m, strict=True)):
-        made = one.model.predict(study.rod(k, {**beside.base.values(k), **values})).xyz_m
-        parts.append(one.whitener((made - clean)[:, axes(one.model)]).ravel())
-    return np.concatenate(parts)
+def _moved(study: Study, beside: Sized, values: dict[str, float]) -> Moved:
+    """By how much the points of each recording move, (P, 3) [m]."""
+    return tuple(
+        one.model.predict(study.rod(k, {**beside.base.values(k), **values})).xyz_m - clean
+        for k, (one, clean) in enumerate(zip(study.seen, beside.clean_m, strict=True))
+    )
+
+
+def _white(study: Study, moved_m: Moved) -> Floats:
+    """The same, whitened, of all recordings (R,)."""
+    pairs = zip(study.seen, moved_m, strict=True)
+    return np.concatenate([one.whitener(moved[:, axes(one.model)]).ravel() for one, moved in pairs])
+
+
+def _gain(study: Study, beside: Sized, moved_m: Moved) -> float:
+    """χ² that a linear step of the baseline leaves of such a change."""
+    white = _white(study, moved_m)
+    return float(white @ white - np.sum((beside.basis.T @ white) ** 2))
+
+
+def _given_way(study: Study, beside: Sized, moved_m: Moved) -> float:
+    """The share of it that this step takes up."""
+    white = _white(study, moved_m)
+    return 1.0 - _gain(study, beside, moved_m) / float(white @ white)
+
+
+def _left(study: Study, beside: Sized, moved_m: Moved) -> float:
+    """χ² that the baseline leaves of it at its best."""
+    base = beside.base
+    offsets = [
+        one.recording.points.xyz_m - clean - moved
+        for one, clean, moved in zip(study.seen, beside.clean_m, moved_m, strict=True)
+    ]
+    expected = dict(zip(base.unknowns, base.theta.tolist(), strict=True))
+    return fit(Hypothesis(study, (), base.unknowns, tuple(offsets), expected=expected), base.theta).chi2
 
 
 __all__ = ["Size", "Sized", "asked", "detectable", "gain_needed", "sized"]

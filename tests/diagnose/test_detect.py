@@ -14,14 +14,38 @@ ROPE = SimpleNamespace(linear_density_kg_m=0.04)
 STUDY = cast(Study, SimpleNamespace(seen=[SimpleNamespace(recording=SimpleNamespace(rope=ROPE))]))
 
 
-def test_drag_is_seen_by_what_it_changes_beside_inertia(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def beside(monkeypatch: pytest.MonkeyPatch) -> Sized:
+    """A baseline that takes up the first of what is made up, linearly."""
+    monkeypatch.setattr(detect, "_white", lambda study, moved: moved[0])
+    return Sized(cast(Any, None), (), np.array([[1.0], [0.0]]), 5e-5)
+
+
+def test_drag_is_seen_by_what_it_changes_beside_inertia(
+    beside: Sized, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The rope with drag is inert, too, which alone changes much in a quick motion."""
 
-    def changed(study: Study, beside: Sized, values: dict[str, float]) -> Any:
-        return np.array([1000.0, 500.0 * values["inertia_drag.drag"]])
+    def moved(study: Study, beside: Sized, values: dict[str, float]) -> Any:
+        return (np.array([1000.0, 500.0 * values["inertia_drag.drag"]]),)
 
-    monkeypatch.setattr(detect, "_changed", changed)
-    beside = Sized(cast(Any, None), (), np.zeros((2, 0)), 5e-5)
+    monkeypatch.setattr(detect, "_moved", moved)
     found = detectable(STUDY, (beside, Size("inertia_drag", "drag", {})))
     assert found.value == pytest.approx(np.sqrt(gain_needed(5e-5, 1)) / 500.0, rel=0.05)
     assert found.unit == "N s/m^2"
+
+
+@pytest.mark.parametrize(("share", "seen"), [(1.0, 1.0), (0.25, 2.0), (0.0, None)])
+def test_what_the_baseline_takes_up_in_full_is_not_seen_though_a_linear_step_leaves_some(
+    beside: Sized, share: float, seen: float | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A load along gravity is another stiffness: a linear step of that leaves what goes with its square."""
+
+    def moved(study: Study, beside: Sized, values: dict[str, float]) -> Any:
+        return (1e3 * values["lateral_load.z"] * np.array([10.0, 1.0]),)
+
+    monkeypatch.setattr(detect, "_moved", moved)
+    monkeypatch.setattr(detect, "_left", lambda study, beside, some: share * some[0][1] ** 2)
+    found = detectable(STUDY, (beside, Size("lateral_load", "z", {})))
+    linear = np.sqrt(gain_needed(5e-5, 3)) / 1e3
+    assert found.value is None if seen is None else found.value == pytest.approx(seen * linear, rel=0.05)
