@@ -94,7 +94,7 @@ def begin(size: int) -> str:
 def unfinished() -> str | None:
     """A shard that was begun here and not scored; what another version began to diagnose is aborted."""
     rows = {row["shard"]: row for row in book.runs(BOOK)}
-    for shard in sorted(path.name for path in SEALED.glob("shard_*")):
+    for shard in sorted(path.parent.name for path in SEALED.glob("shard_*/shard.json")):
         row = rows.get(shard)
         if row is None or (row["state"] == "diagnosing" and row["version"] == book.version()):
             return shard
@@ -110,7 +110,7 @@ def finish(shard: str, command: str) -> None:
     make(sealed["seed"], draw_names(sealed["seed"], sealed["size"]), RECORDINGS / shard, SEALED / shard)
     if shard not in {row["shard"] for row in book.runs(BOOK)}:
         book.note(BOOK, shard, SEALED / shard, sealed["size"])
-    names = sorted(path.name for path in (RECORDINGS / shard).iterdir())
+    names = [named(index) for index in range(sealed["size"])]
     tasks = [((RECORDINGS / shard / name,), VERDICTS / shard / name, command) for name in names]
     together(ThreadPoolExecutor(WORKERS), diagnose, tasks, f"diagnosing {shard}")
     rows = {
@@ -118,9 +118,15 @@ def finish(shard: str, command: str) -> None:
         | {"verdict_sha256": verdict_sha256(VERDICTS / shard / name)}
         for name in names
     }
-    book.settle(BOOK, shard, SEALED / shard, sealed["seed"])
     figures = summarise(list(rows.values()))
+    # before the row says that there are scores: an interruption between the two leaves the shard unfinished
     write_json(BOOK / f"{shard}.json", {"shard": shard, "summary": figures, "recordings": rows})
+    book.settle(BOOK, shard, SEALED / shard, sealed["seed"])
+
+
+def named(index: int) -> str:
+    """What the recording of this number is called. What else lies beside it an interrupted call left."""
+    return f"{index:03d}"
 
 
 def make(
@@ -133,7 +139,7 @@ def make(
     """Make what is not made yet."""
     sizes = multiples or [None] * len(names)
     tasks = [
-        (seed, index, which, f"{index:03d}", recordings, answers, multiple)
+        (seed, index, which, named(index), recordings, answers, multiple)
         for index, (which, multiple) in enumerate(zip(names, sizes, strict=True))
     ]
     together(ProcessPoolExecutor(WORKERS), make_recording, tasks, "laboratory")

@@ -16,6 +16,7 @@ from typing import Any
 from dlolib.errors import ParameterError
 from dlolib.files import write_json
 from dlolib.proof.score import share
+from dlolib.proof.sizes import NAMES
 from stages import run
 from stages.proof import (
     BOOK,
@@ -26,6 +27,7 @@ from stages.proof import (
     calibrate,
     diagnose,
     made_by,
+    named,
     own_folder,
     together,
     verdict_in,
@@ -41,7 +43,7 @@ def main(*arguments: str) -> None:
     asked = options.parse_args(arguments)
     calibrate(asked.seed)
     recordings = CALIBRATION / f"seed_{asked.seed}" / "recordings"
-    names = sorted(path.name for path in recordings.iterdir())[CALIBRATION_NULLS:][: asked.count]
+    names = [named(CALIBRATION_NULLS + index) for index in range(len(NAMES))][: asked.count]
     if not names:
         raise ParameterError(f"COUNT = {asked.count}", mend="give 1 or more")
     apart = own_folder("screen") / f"seed_{asked.seed}"

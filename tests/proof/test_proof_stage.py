@@ -88,6 +88,30 @@ def test_an_interrupted_shard_stays_in_the_book_and_is_taken_up_again(
     assert again["state"] == "scored"
 
 
+def test_what_a_kill_leaves_behind_does_not_stop_a_shard(
+    command: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Folders that were being written, and a row that was about to be called scored."""
+    with monkeypatch.context() as broken:
+        broken.setattr(book, "settle", lambda *_: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            proof.main("--size", "1", "--command", command)
+    (row,) = rows()
+    (Path("data/proof/sealed") / "shard_20000101T000000").mkdir()
+    (Path("data/proof/recordings") / row["shard"] / ".000.cut").mkdir()
+    proof.main("--size", "1", "--command", command)
+    (again,) = rows()
+    assert (again["shard"], again["state"]) == (row["shard"], "scored")
+    assert json.loads(Path("reports/proof/summary.json").read_text())["recordings"] == 1
+
+
+def test_scores_are_there_before_the_book_says_so(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(proof, "summarise", lambda _: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        proof.main("--size", "1", "--command", command)
+    assert rows()[0]["state"] == "diagnosing"
+
+
 class Later(datetime):
     """A clock that has gone on, so that a second shard has a name of its own."""
 
