@@ -81,7 +81,9 @@ def told_apart(seed: int, shard: str, name: str, command: str) -> dict[str, Any]
     second = folder / f"{name}_next"
     try:
         motion = read_motion(folder / "first/next_motion.csv")
-        write_recording(played_on(case, motion, second.name, np.random.default_rng([seed, SEED])), second)
+        # of its own: the noise of one tie tells nothing of another's
+        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(SEED, int(name))))
+        write_recording(played_on(case, motion, second.name, rng), second)
     except SimulationError as error:
         return row | {"not_played": error.problem}
     diagnose([first, second], folder / "both", command)
