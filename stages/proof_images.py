@@ -15,6 +15,8 @@ from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from dlolib.captures import open_capture
 from dlolib.chain import extract_chain
 from dlolib.errors import ChainError
@@ -79,13 +81,18 @@ def seen(folder: Path, seed: int, index: int, names: tuple[str, ...]) -> None:
     write_case(case, name, folder / "points", folder / "answers", **more)
     capture = folder / "captures" / name
     shutil.rmtree(capture, ignore_errors=True)
-    write_pictures(case, name, capture, Sensor(seed=index))
+    write_pictures(case, name, capture, Sensor(seed=sensor_seed(seed, index)))
     try:
         write_recording(extract_chain(open_capture(capture)).recording, chain)
     except ChainError as error:
         # no chain, no verdict: counted as failed
         print(error, file=sys.stderr)
     shutil.rmtree(capture)
+
+
+def sensor_seed(seed: int, index: int) -> int:
+    """Of a camera's noise: as secret as the draw, and independent of it."""
+    return int(np.random.SeedSequence(seed, spawn_key=(index,)).generate_state(1, np.uint64)[0])
 
 
 def _answer(folder: Path, name: str) -> dict[str, Any]:

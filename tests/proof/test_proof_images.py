@@ -12,6 +12,7 @@ from dlolib.lab.camera import Sensor
 from dlolib.proof import pictures
 from dlolib.proof.draw import Case, draw_case
 from dlolib.proof.write import recording
+from stages import proof_images
 
 # Of a case's frames, so many: one takes most of a second.
 FEW = 3
@@ -61,3 +62,22 @@ def test_a_rope_that_is_moved_towards_the_plate_stays_before_it(
     pictures.write_pictures(case, "seen", tmp_path / "capture", Sensor())
     found = extract_chain(open_capture(tmp_path / "capture"))
     assert [len(frame.s_m) for frame in found.frames] == [30] * FEW
+
+
+def test_what_the_camera_adds_is_as_secret_as_the_draw(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It was seeded by the recording's number: the same in every run, and known to whoever reads the name."""
+    seeds = []
+
+    def photographed(case: object, name: str, capture: Path, sensor: Sensor) -> None:
+        seeds.append(sensor.seed)
+        raise InterruptedError
+
+    monkeypatch.setattr(proof_images, "answered", lambda *_, **__: (None, {}))
+    monkeypatch.setattr(proof_images, "write_case", lambda *_, **__: None)
+    monkeypatch.setattr(proof_images, "write_pictures", photographed)
+    for seed, index in ((7, 0), (7, 1), (8, 0), (7, 0)):
+        with pytest.raises(InterruptedError):
+            proof_images.seen(tmp_path, seed, index, ())
+    assert len(set(seeds[:3])) == 3 and seeds[3] == seeds[0]
