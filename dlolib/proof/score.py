@@ -15,6 +15,7 @@ Answer = Mapping[str, Any]
 Verdict = Mapping[str, Any]
 
 MOST_IN_TIE, PLACE_M = 3, 0.015
+CONFIDENTLY_WRONG = ("wrong", "missed")
 # What a row says of intervals; versions may differ in these alone.
 INTERVALS = ("covered", "covered_forms")
 PLACED = ("stiffness_profile", "mass_profile")
@@ -126,6 +127,7 @@ def summarise(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     found = [row for row in rows if row["detectable"]]
     nulls = [row for row in rows if not row["true"]]
     pairs = [row for row in found if len(row["detectable"]) == 2]
+    small = [row for row in rows if row["true"] and not row["detectable"]]
     outcomes = Counter(row["outcome"] for row in found)
     confusion = Counter((" + ".join(row["true"]) or "nothing", _said(row)) for row in rows)
     return {
@@ -135,8 +137,10 @@ def summarise(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "outcomes": dict(sorted(outcomes.items())),
         "right_or_tied": share(outcomes["right"] + outcomes["tied"], len(found)),
         "tied": share(outcomes["tied"], len(found)),
-        "confidently_wrong": share(outcomes["wrong"] + outcomes["missed"], len(found)),
+        "confidently_wrong": share(sum(outcomes[one] for one in CONFIDENTLY_WRONG), len(found)),
         "missed": share(outcomes["missed"], len(found)),
+        # neither among the detectable nor among the alarms, and named all the same
+        "wrong_of_too_small": share(sum(row["outcome"] in CONFIDENTLY_WRONG for row in small), len(small)),
         "false_alarms": share(sum(row["status"] != "no_mismatch" for row in nulls), len(nulls)),
         "pairs_both_named": share(sum(_all_named(row) for row in pairs), len(pairs)),
         "heldout_better": _share_of(rows, "than_elastic"),
@@ -177,7 +181,7 @@ def _everywhere(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     ends = [one["outcome"] for one in both if one["detectable"]]
     return {
         "right_or_tied": share(ends.count("right") + ends.count("tied"), len(ends)),
-        "confidently_wrong": share(ends.count("wrong") + ends.count("missed"), len(ends)),
+        "confidently_wrong": share(sum(ends.count(one) for one in CONFIDENTLY_WRONG), len(ends)),
     }
 
 

@@ -86,20 +86,22 @@ def test_the_summary_counts() -> None:
         score(verdict("explained", SPOT, LUMP), answer(LUMP, SPOT)),
         score(verdict("no_mismatch"), answer(CLOCK)),
         score(verdict("no_mismatch"), answer(SPOT, detectable=(), gain=9.0)),
+        score(verdict("explained", LUMP), answer(SPOT, detectable=(), gain=9.0)),
     ]
     figures = summarise(rows)
     assert figures["detectable"] == 5
-    assert figures["drawn"] == {"alone": {CLOCK: 1, LUMP: 3, SPOT: 1}, "pairs": 1, "combinations": 1}
+    assert figures["drawn"] == {"alone": {CLOCK: 1, LUMP: 3, SPOT: 2}, "pairs": 1, "combinations": 1}
     assert figures["right_or_tied"]["share"] == pytest.approx(3 / 5)
     assert figures["confidently_wrong"]["count"] == 2
     assert figures["missed"]["count"] == 1
-    assert figures["heldout_better"] == share(5, 5)
-    assert figures["heldout_better_than_black_box"] == share(4, 5)
+    assert figures["wrong_of_too_small"] == share(1, 2)
+    assert figures["heldout_better"] == share(6, 6)
+    assert figures["heldout_better_than_black_box"] == share(5, 6)
     # an alarm where nothing is missing does not count there
     assert figures["where_detectable"]["heldout_better"] == share(4, 4)
     # what shows in the held-out frames alone counts there
-    assert figures["everywhere"]["right_or_tied"]["of"] == 6
-    assert figures["everywhere"]["confidently_wrong"]["count"] == 3
+    assert figures["everywhere"]["right_or_tied"]["of"] == 7
+    assert figures["everywhere"]["confidently_wrong"]["count"] == 4
     assert figures["false_alarms"]["count"] == 1
     assert figures["pairs_both_named"]["share"] == 1
     assert figures["place"] == share(3, 4)

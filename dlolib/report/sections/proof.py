@@ -19,6 +19,7 @@ SHARES = {
     "tied": ("of these tied", "≤ 25 %"),
     "confidently_wrong": ("confidently wrong (missed ones among them)", "≤ 2 %"),
     "missed": ("of these missed: nothing was found", ABSENT),
+    "wrong_of_too_small": ("something missing, too small to be detectable: named wrongly", ABSENT),
     "pairs_both_named": ("pairs: both named", "≥ 80 %"),
     "false_alarms": ("nothing missing, and yet an alarm", "≤ 1 %"),
     "place": ("named place within 15 mm", "≥ 90 %"),
