@@ -110,7 +110,7 @@ def finish(shard: str, command: str) -> None:
     make(sealed["seed"], draw_names(sealed["seed"], sealed["size"]), RECORDINGS / shard, SEALED / shard)
     if shard not in {row["shard"] for row in book.runs(BOOK)}:
         book.note(BOOK, shard, SEALED / shard, sealed["size"])
-    names = [named(index) for index in range(sealed["size"])]
+    names = [called(index) for index in range(sealed["size"])]
     tasks = [((RECORDINGS / shard / name,), VERDICTS / shard / name, command) for name in names]
     together(ThreadPoolExecutor(WORKERS), diagnose, tasks, f"diagnosing {shard}")
     rows = {
@@ -124,7 +124,7 @@ def finish(shard: str, command: str) -> None:
     book.settle(BOOK, shard, SEALED / shard, sealed["seed"])
 
 
-def named(index: int) -> str:
+def called(index: int) -> str:
     """What the recording of this number is called. What else lies beside it an interrupted call left."""
     return f"{index:03d}"
 
@@ -139,7 +139,7 @@ def make(
     """Make what is not made yet."""
     sizes = multiples or [None] * len(names)
     tasks = [
-        (seed, index, which, named(index), recordings, answers, multiple)
+        (seed, index, which, called(index), recordings, answers, multiple)
         for index, (which, multiple) in enumerate(zip(names, sizes, strict=True))
     ]
     together(ProcessPoolExecutor(WORKERS), make_recording, tasks, "laboratory")

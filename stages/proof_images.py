@@ -33,9 +33,9 @@ from stages.proof import (
     BOOK,
     COMMAND,
     WORKERS,
+    called,
     diagnose,
     made_by,
-    named,
     own_folder,
     seed_of,
     together,
@@ -62,7 +62,7 @@ def main(*arguments: str) -> None:
     together(
         ProcessPoolExecutor(WORKERS), seen, [(folder, seed, *one) for one in drawn], "laboratory and chain"
     )
-    names = [named(index) for index, _ in drawn]
+    names = [called(index) for index, _ in drawn]
     tasks = [((folder / "chains" / name,), folder / "verdicts" / name, asked.command) for name in names]
     tasks = [task for task in tasks if task[0][0].exists()]
     together(ThreadPoolExecutor(WORKERS), diagnose, tasks, "diagnosing")
@@ -73,7 +73,7 @@ def main(*arguments: str) -> None:
 
 def seen(folder: Path, seed: int, index: int, names: tuple[str, ...]) -> None:
     """Draw a case, photograph it, and leave what the chain makes of the pictures."""
-    name = named(index)
+    name = called(index)
     chain = folder / "chains" / name
     if chain.exists():
         return

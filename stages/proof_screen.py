@@ -25,9 +25,9 @@ from stages.proof import (
     COMMAND,
     WORKERS,
     calibrate,
+    called,
     diagnose,
     made_by,
-    named,
     own_folder,
     together,
     verdict_in,
@@ -43,7 +43,7 @@ def main(*arguments: str) -> None:
     asked = options.parse_args(arguments)
     calibrate(asked.seed)
     recordings = CALIBRATION / f"seed_{asked.seed}" / "recordings"
-    names = [named(CALIBRATION_NULLS + index) for index in range(len(NAMES))][: asked.count]
+    names = [called(CALIBRATION_NULLS + index) for index in range(len(NAMES))][: asked.count]
     if not names:
         raise ParameterError(f"COUNT = {asked.count}", mend="give 1 or more")
     apart = own_folder("screen") / f"seed_{asked.seed}"
