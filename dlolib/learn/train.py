@@ -130,7 +130,7 @@ class Learner:
             loss=loss.value + blocked.value,
             contacts=loss.contacts,
             goal=goal_error(positions_m[-1], self.policy.goal_m),
-            min_clearance_m=float(clearance(positions_m, radius_m, obstacles).min()),
+            min_clearance_m=self._clearance(positions_m),
             gradient=self._backward(weights, pieces, choices, loss.d_positions, blocked.weights)
             if want_gradient
             else np.zeros(0),
@@ -194,8 +194,19 @@ class Learner:
             positions_m=positions_m,
             contacts=path_loss(positions_m, self.policy.goal_m, obstacles, radius_m, self.settings).contacts,
             goal=goal_error(positions_m[-1], self.policy.goal_m),
-            min_clearance_m=float(clearance(positions_m, radius_m, obstacles).min()),
+            min_clearance_m=self._clearance(positions_m),
         )
+
+    def _clearance(self, positions_m: Floats) -> float:
+        """The smallest clearance [m] of a rope (T + 1, N, 3): of all of it at each step, and of its moved end
+        on the straight way from one step to the next.
+
+        The rope keeps to the side of an obstacle where it was. The arm need not: an obstacle that stands in
+        its way leads it round, behind its middle from one side to the other in a step.
+        """
+        obstacles, radius_m = self.layout.obstacles, self.layout.rope.radius_m
+        way = clearance(positions_m[None, :, -1], radius_m, obstacles)
+        return float(min(clearance(positions_m, radius_m, obstacles).min(), way.min()))
 
     def trained(self, weights: Floats) -> Policy:
         """The policy with other weights."""

@@ -19,7 +19,7 @@ from dlolib.learn.train import Learner
 from dlolib.learn.write import result
 from dlolib.sim.rod import Rod
 from dlolib.sim.simulate import State
-from dlolib.types import Floats
+from dlolib.types import Floats, Obstacle
 
 LAYOUT = read_layout(Path("data/layouts/layout_2"))
 ROD = Rod(LAYOUT.rope, 3e-4, 3e-4)
@@ -60,6 +60,28 @@ def test_gradient_through_controller_and_rope() -> None:
         h = 1e-5
         ahead, behind = (made.episode(made.flat + s * h * way, want_gradient=False).loss for s in (1, -1))
         assert found @ way == pytest.approx((ahead - behind) / (2 * h), rel=1e-5)
+
+
+class Leaping:
+    """A rope that takes its end from one side of an obstacle to the other in a step, and is free at each."""
+
+    def start(self) -> tuple[None, Floats]:
+        return None, self._straight(-0.05)
+
+    def forward(self, state: None, end_m: Floats) -> Piece:
+        return Piece(np.stack([self._straight(x) for x in (-0.05, -0.05, 0.05)]), None, None)
+
+    def _straight(self, x: float) -> Floats:
+        return np.stack([np.full(20, x), np.zeros(20), np.linspace(0.1, 0.5, 20)], axis=1)
+
+
+def test_an_end_that_goes_through_an_obstacle_between_two_steps_is_not_free() -> None:
+    made = learner(SMALL)
+    way = {"center_m": (0.0, 0.0, 0.5), "axis": (0.0, 1.0, 0.0), "radius_m": (0.02,), "height_m": (0.06,)}
+    made.layout = replace(made.layout, obstacles=(Obstacle("cylinder", way),))
+    episode = made.episode(made.flat, want_gradient=False)
+    leapt = made.replayed(replace(episode, end_m=np.zeros((2, 3))), Leaping())
+    assert leapt.min_clearance_m == pytest.approx(-0.02 - LAYOUT.rope.radius_m, abs=2e-3)
 
 
 def test_the_first_path_is_an_arc_on_the_side_that_was_asked_for() -> None:
