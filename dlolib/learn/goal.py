@@ -14,6 +14,8 @@ from dlolib.types import Floats, Layout
 # Fewer points than this, or a first or last one further from the rope's ends, are no goal for all of it.
 FEWEST_POINTS = 4
 END_SHARE = 0.02
+# A goal that is drawn shorter than this share of the rope is none that it could take.
+LEAST_SHARE, LOOKED_AT = 0.9, 200
 
 
 @dataclass(frozen=True)
@@ -33,8 +35,9 @@ def check_learnable(layout: Layout, clearance_m: float) -> None:
         clearance_m: that is asked for [m].
 
     Raises:
-        LayoutError: an end is free, the goal covers a part of the rope, A and B leave no plane for (16),
-            there are obstacles and the rope's thickness is not known, or one is too near to a held end.
+        LayoutError: an end is free, the goal covers a part of the rope or is drawn shorter than it, A and B
+            leave no plane for (16), there are obstacles and the rope's thickness is not known, or one is too
+            near to a held end.
     """
     if layout.obstacles and layout.rope.diameter_m is None:
         problem = "not known, and a rope of no thickness keeps no clearance to the obstacles"
@@ -45,6 +48,12 @@ def check_learnable(layout: Layout, clearance_m: float) -> None:
     if len(s_m) < FEWEST_POINTS or s_m[0] > END_SHARE * length or s_m[-1] < (1 - END_SHARE) * length:
         problem = f"the goal has {len(s_m)} points from {s_m[0]:g} to {s_m[-1]:g} m of {length:g} m"
         mend = f"give at least {FEWEST_POINTS}, from the rope's start to its end"
+        raise LayoutError(problem, file=layout.name, place="goal.csv", mend=mend)
+    drawn = np.diff(goal_at_particles(layout, LOOKED_AT), axis=0)
+    way_m = float(np.linalg.norm(drawn, axis=1).sum())
+    if way_m < LEAST_SHARE * length:
+        problem = f"the way along the goal is {way_m:.4g} m, and the rope is {length:g} m long"
+        mend = "draw all of the rope at its true size, or correct object.length_m"
         raise LayoutError(problem, file=layout.name, place="goal.csv", mend=mend)
     across = layout.goal_m[-1] - layout.grasp.position_m
     level = float(np.hypot(across[0], across[1]))

@@ -71,6 +71,16 @@ def test_a_layout_without_a_plane_for_its_arcs_is_refused(layout: Layout) -> Non
         check_learnable(replace(layout, grasp=replace(layout.grasp, position_m=above)), CLEARANCE_M)
 
 
+def test_a_goal_drawn_shorter_than_the_rope_is_refused(layout: Layout) -> None:
+    few = [0, 30, 60, 89]  # points enough to tell how long it is
+    check_learnable(replace(layout, goal_s_m=layout.goal_s_m[few], goal_m=layout.goal_m[few]), CLEARANCE_M)
+    small = layout.start.position_m + 0.5 * (layout.goal_m - layout.start.position_m)
+    with pytest.raises(
+        LayoutError, match=r"goal\.csv: the way along the goal is 0\.222\d m, .* 0\.445 m long"
+    ):
+        check_learnable(replace(layout, goal_m=small), CLEARANCE_M)
+
+
 def test_beside_obstacles_the_thickness_must_be_known(layout: Layout) -> None:
     thin = replace(layout, rope=replace(layout.rope, diameter_m=None))
     with pytest.raises(LayoutError, match="object.diameter_m: not known"):
