@@ -9,10 +9,21 @@ from dlolib.errors import ParameterError
 from dlolib.params import PARAMS, Params, load
 from stages import CAPTURED, DATA, LABORATORY, run
 
+CHAIN = DATA / "recordings" / CAPTURED
+
 
 def main() -> None:
     """Refuse what the pipeline would stumble over after an hour."""
     params = load()
+    captured = params.recordings.get(CAPTURED)
+    if captured is not None and Path(captured.path) != CHAIN:
+        # the report holds it against the capture, and against the laboratory's truth
+        raise ParameterError(
+            f"{CAPTURED} is what chain makes of the capture, in {CHAIN}, and not {captured.path}",
+            file=PARAMS,
+            place=f"recordings.{CAPTURED}.path",
+            mend="give another recording a name of its own",
+        )
     for place, folder in named(params):
         if not folder.exists() and not folder.with_name(f"{folder.name}.dvc").is_file():
             raise ParameterError(

@@ -37,6 +37,10 @@ def test_a_log_that_is_not_there_is_said_before_the_pipeline_runs(
     ("line", "says"),
     [
         (("layout_4]", "layuot_4]"), "layouts: no such folder: data/layouts/layuot_4; correct the name"),
+        (
+            ("data/recordings/captured", "data/hose"),
+            "recordings.captured.path: captured is what chain makes of",
+        ),
         (("data/wires/wire_white", "data/wires/wire"), "recordings.wire_white.path: no such folder"),
         (
             ("  source: lab               # lab, or the name of a folder of", "  source: logs  #"),
