@@ -4,14 +4,19 @@ import json
 import re
 from collections.abc import Iterator
 from dataclasses import fields
+from inspect import getsource
 from pathlib import Path
 from typing import get_args
 
 from pydantic import BaseModel
 
+from dlolib.execute import ExecutionResult
+from dlolib.execute.laboratory import LawOutcome
 from dlolib.formats.capture import CaptureModel
 from dlolib.formats.layout import LayoutModel
 from dlolib.formats.recording import COVARIANCES, FORM, RecordingModel
+from dlolib.identify import summary
+from dlolib.learn.write import result, write_learned
 from dlolib.obstacles import SHAPES
 from dlolib.types import Verdict
 
@@ -39,6 +44,15 @@ def test_every_key_that_is_read_is_named() -> None:
 
 def test_every_key_of_a_verdict_is_named() -> None:
     assert {field.name for field in fields(Verdict)} <= NAMED
+
+
+def test_every_key_of_a_result_is_named() -> None:
+    learned = getsource(result) + getsource(write_learned)
+    written = set(re.findall(r'"(\w+)": ', learned)) | set(re.findall(r'"(\w+)\.\w+"', learned))
+    written |= set(re.findall(r'"(\w+)": ', getsource(summary).split("paper_method")[0]))
+    written |= {field.name for kind in (ExecutionResult, LawOutcome) for field in fields(kind)}
+    assert {"free_of_contact", "ablation", "rmse_each_m", "of_another", "rod_error_m"} <= written
+    assert written <= NAMED
 
 
 def test_the_recording_to_copy_is_one() -> None:
