@@ -16,9 +16,17 @@ from dlolib.types import Floats, Obstacle
 
 Values = Mapping[str, Floats]
 
-VIEWS = {"x-z": (0, 2), "x-y": (0, 1)}
-"""The two views of the paper's Fig. 10: which coordinates go to the right and up."""
+VIEWS = {"x-z": (0, 2), "x-y": (0, 1), "y-z": (1, 2)}
+"""Which coordinates go to the right and up; the first two views are those of the paper's Fig. 10."""
 CIRCLE = np.linspace(0.0, 2 * np.pi, 73)
+
+
+def widest(places_m: Floats) -> str:
+    """The view in which places (..., 3) [m] extend most: a rope on a table lies in x-y, one that hangs in x-z
+    or y-z. Rows without a place, NaN, do not count."""
+    flat = places_m.reshape(-1, 3)
+    extent = np.nanmax(flat, axis=0) - np.nanmin(flat, axis=0)
+    return max(VIEWS, key=lambda view: float(extent[list(VIEWS[view])].sum()))
 
 
 def ribbon(line: Floats, radius_m: float) -> Floats:

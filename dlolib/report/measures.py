@@ -75,18 +75,19 @@ def chain_error(points: pd.DataFrame, t_s: Floats, xyz_m: Floats, s_m: Floats) -
     return ChainError(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
-def normal_residual(shape: pd.DataFrame) -> tuple[Floats, Floats]:
-    """Residual of one frame of shapes.csv in the x-z plane, across the simulated rope.
+def normal_residual(shape: pd.DataFrame, view: str) -> tuple[Floats, Floats]:
+    """Residual of one frame of shapes.csv in the plane of a view, such as x-z, across the simulated rope.
 
     Returns:
         Arc length (P,) [m] and the signed distance (P,) [m], positive to the left of the way from start
-        to end as seen in the x-z view.
+        to end as seen in that view.
     """
-    simulated = shape[["sim_x_m", "sim_z_m"]].to_numpy()
+    axes = view.split("-")
+    simulated = shape[[f"sim_{axis}_m" for axis in axes]].to_numpy()
     tangent = np.gradient(simulated, axis=0)
     tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
     normal = np.column_stack([-tangent[:, 1], tangent[:, 0]])
-    offset = shape[["x_m", "z_m"]].to_numpy() - simulated
+    offset = shape[[f"{axis}_m" for axis in axes]].to_numpy() - simulated
     return shape["s_m"].to_numpy(), np.sum(offset * normal, axis=1)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
+from dlolib.report.drawing import widest
 from dlolib.report.measures import by_arc_length, normal_residual
 from dlolib.report.model import Figure
 from dlolib.report.style import FAINT, OBSERVED, ROD, canvas, legend_above, save, thousandths
@@ -22,7 +23,10 @@ SURE = 2.0
 
 
 def shapes_figure(name: str, shapes: pd.DataFrame, figures: Path) -> Figure:
-    """Draw the shapes.csv of one recording: shapes to the left, residual across the rope to the right."""
+    """Draw the shapes.csv of one recording in the plane in which the rope extends most: shapes to the left,
+    residual across the rope to the right."""
+    view = widest(shapes[["x_m", "y_m", "z_m"]].to_numpy())
+    across, up = (f"{axis}_m" for axis in view.split("-"))
     frames = np.unique(shapes["frame"])
     repeated = _is_one_pose(shapes)
     spaced = np.linspace(0, len(frames) - 1, min(SHOWN, len(frames))).round().astype(int)
@@ -30,15 +34,15 @@ def shapes_figure(name: str, shapes: pd.DataFrame, figures: Path) -> Figure:
     # one point alone does not tell which way the rope runs there
     lines = shapes.groupby("frame").filter(lambda rows: len(rows) > 1)
     figure = canvas(58)
-    aspect = float(np.ptp(shapes["x_m"]) / max(np.ptp(shapes["z_m"]), 1e-6))
+    aspect = float(np.ptp(shapes[across]) / max(np.ptp(shapes[up]), 1e-6))
     panels = [min(max(aspect, 0.5), 1.15), 1.0] if len(lines) else [1.0]
     left, *right = figure.subplots(1, len(panels), width_ratios=panels, squeeze=False)[0]
-    _draw_shapes(left, shapes, chosen)
+    _draw_shapes(left, shapes, chosen, view)
     shown = f"{title(name)}: {len(chosen)} of {len(frames)} frames; dots are observed, lines simulated."
     caption, beside = f"{shown} No frame has two points, between which a residual could be drawn.", ""
     if right:
-        means, spread = _draw_residual(right[0], lines)
-        caption, beside = f"{shown} {_residual_said(len(frames))}", ", and the residual along the rope"
+        means, spread = _draw_residual(right[0], lines, view)
+        caption, beside = f"{shown} {_residual_said(len(frames), view)}", ", and the residual along the rope"
         if repeated:
             caption = _shared_said(name, len(frames), means, spread)
     for axes in (left, *right):
@@ -48,21 +52,21 @@ def shapes_figure(name: str, shapes: pd.DataFrame, figures: Path) -> Figure:
     return Figure(save(figure, figures, f"shapes_{name}"), caption, alt)
 
 
-def _draw_shapes(axes: Axes, shapes: pd.DataFrame, chosen: Ints) -> None:
+def _draw_shapes(axes: Axes, shapes: pd.DataFrame, chosen: Ints, view: str) -> None:
+    across, up = view.split("-")
     for count, frame in enumerate(chosen):
         rows = shapes[shapes["frame"] == frame]
         seen, made = ("observed", "simulated") if count == 0 else (None, None)
-        axes.plot(
-            rows["x_m"], rows["z_m"], ("o"), color=OBSERVED, markersize=1.9, markeredgewidth=0, label=seen
-        )
-        axes.plot(rows["sim_x_m"], rows["sim_z_m"], color=ROD, linewidth=1.2, label=made, alpha=0.9)
-    axes.set(xlabel="x [mm]", ylabel="z [mm]")
+        points, rod = (rows[[f"{part}{across}_m", f"{part}{up}_m"]].to_numpy().T for part in ("", "sim_"))
+        axes.plot(*points, "o", color=OBSERVED, markersize=1.9, markeredgewidth=0, label=seen)
+        axes.plot(*rod, color=ROD, linewidth=1.2, label=made, alpha=0.9)
+    axes.set(xlabel=f"{across} [mm]", ylabel=f"{up} [mm]")
     axes.set_aspect("equal", adjustable="datalim")
 
 
-def _draw_residual(axes: Axes, shapes: pd.DataFrame) -> tuple[Floats, Floats]:
+def _draw_residual(axes: Axes, shapes: pd.DataFrame, view: str) -> tuple[Floats, Floats]:
     """Draw the residual of every frame; return the mean of the frames and their spread by arc length [m]."""
-    arcs, offsets = _residual_lines(shapes, axes)
+    arcs, offsets = _residual_lines(shapes, axes, view)
     bins = min(24, int(shapes.groupby("frame").size().max()))
     centres, means, rms = by_arc_length(arcs, offsets, bins=bins)
     spread = np.sqrt(np.maximum(rms**2 - means**2, 0.0))
@@ -74,12 +78,12 @@ def _draw_residual(axes: Axes, shapes: pd.DataFrame) -> tuple[Floats, Floats]:
     return means, spread
 
 
-def _residual_lines(shapes: pd.DataFrame, axes: Axes) -> tuple[Floats, Floats]:
+def _residual_lines(shapes: pd.DataFrame, axes: Axes, view: str) -> tuple[Floats, Floats]:
     arcs, offsets = [], []
     frames = np.unique(shapes["frame"])
     drawn = {*frames[np.linspace(0, len(frames) - 1, min(LINES, len(frames))).round().astype(int)].tolist()}
     for frame, rows in shapes.groupby("frame"):
-        s_m, across = normal_residual(rows)
+        s_m, across = normal_residual(rows, view)
         if frame in drawn:
             axes.plot(s_m, across, color=FAINT, linewidth=0.45, alpha=0.7, zorder=1)
         arcs.append(s_m)
@@ -109,9 +113,9 @@ def _shared_said(name: str, frames: int, means: Floats, spread: Floats) -> str:
     )
 
 
-def _residual_said(frames: int) -> str:
+def _residual_said(frames: int, view: str) -> str:
     grey = "one line a frame" if frames <= LINES else f"the lines of {LINES} frames"
     return (
-        f"Right, across the rope in the x-z plane: grey {grey}, blue the mean of all frames and its spread. "
-        "Smooth waves of the grey lines are what the model lacks; their jagged scatter is noise."
+        f"Right, across the rope in the {view} plane: grey {grey}, blue the mean of all frames and its "
+        "spread. Smooth waves of the grey lines are what the model lacks; their jagged scatter is noise."
     )

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from dlolib.obstacles import SHAPES
-from dlolib.report.drawing import OUTLINES, ribbon, silhouette
+from dlolib.report.drawing import OUTLINES, ribbon, silhouette, widest
 from dlolib.report.headline import clear
 from dlolib.report.measures import by_arc_length, chain_error, nearest_on_axis, normal_residual
 from dlolib.report.paper import stiffness_n_m2
@@ -48,8 +48,16 @@ def test_residual_across_is_positive_to_the_left() -> None:
     shape = pd.DataFrame(
         {"s_m": LINE[:, 0], "x_m": LINE[:, 0], "z_m": 0.004, "sim_x_m": LINE[:, 0], ("sim_z_m"): 0.0}
     )
-    _, across = normal_residual(shape)
+    _, across = normal_residual(shape, "x-z")
     assert across == pytest.approx(np.full(11, 0.004))
+
+
+@pytest.mark.parametrize(("axes", "view"), [([0, 2], "x-z"), ([0, 1], "x-y"), ([1, 2], "y-z"), ([0], "x-z")])
+def test_a_rope_is_looked_at_where_it_extends_most(axes: list[int], view: str) -> None:
+    places = np.full((11, 3), 0.3)
+    places[:, axes] += np.linspace(0, 1, 11)[:, None]
+    places[4] = np.nan
+    assert widest(places) == view
 
 
 def test_bins_of_arc_length() -> None:

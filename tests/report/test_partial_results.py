@@ -7,11 +7,13 @@ import re
 import shutil
 from pathlib import Path
 
+import pandas as pd
 import pytest
+from matplotlib.figure import Figure as Canvas
 from report.synthetic import LAYOUTS, blocks_of, write_results, write_robot_log
 
 from dlolib.errors import DloError, FormatError
-from dlolib.files import write_json
+from dlolib.files import write_csv, write_json
 from dlolib.report import Results, build_report, collect
 from dlolib.report.build import FILES
 from dlolib.report.headline import headline
@@ -26,6 +28,45 @@ def test_own_data_has_no_truth_and_says_so(results: Path, tmp_path: Path) -> Non
     assert "not those of the rope that was recorded here" in json.dumps(content)
     assert "In the laboratory, whose rope is another one: " in json.dumps(content)
     assert "laboratory's rope:" not in json.dumps(content)
+
+
+def _turned(table: pd.DataFrame) -> pd.DataFrame:
+    """The table with what goes along z along y instead, as of a rope that lies on a table, 1 m further up."""
+    swapped = {name: name.replace("z_m", "y_m") for name in table if name.endswith("z_m")}
+    swapped |= {name: name.replace("y_m", "z_m") for name in table if name.endswith("y_m")}
+    turned = table.rename(columns=swapped)
+    return turned.assign(**{name: turned[name] + 1.0 for name in turned if name.endswith("z_m")})
+
+
+def test_a_rope_on_a_table_is_looked_at_from_above(
+    results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    copy, drawn = tmp_path / "run", {}
+    shutil.copytree(results.parent, copy)
+    monkeypatch.setattr(Canvas, "get_layout_engine", lambda self: None)
+    monkeypatch.setattr(
+        Canvas, "savefig", lambda self, path, **_: drawn.update({path.stem: self}) or path.touch()
+    )
+    names = ("shapes.csv", "goal.csv", "trajectory.csv", "capture/motion.csv")
+    for path in (path for name in names for path in copy.rglob(name)):
+        write_csv(path, _turned(pd.read_csv(path)))
+    for path in copy.rglob("layout.json"):
+        layout = json.loads(path.read_text(encoding="utf-8"))
+        for place in (layout["start"], layout["grasp"]):
+            x, y, z = place["position_m"]
+            place["position_m"] = [x, z, y + 1.0]
+        for obstacle in layout["obstacles"]:
+            x, y, z = obstacle["center_m"]
+            obstacle.update(center_m=[x, z, y + 1.0], axis=[0.0, 0.0, 1.0])
+        write_json(path, layout)
+    content = collect(Results(copy / "reports", copy / "data"), tmp_path / "figures")
+    captions = {Path(block["file"]).stem: block["caption"] for block in blocks_of(content, "figure")}
+    for name in ("motion", "shapes_captured", "execution"):
+        assert "x-y plane" in captions[name], name
+        assert drawn[name].get_axes()[0].get_ylabel() == "y [mm]", name
+    # the rope's height of 1 m is no part of what is to be seen
+    front = drawn["layouts"].get_axes()[0]
+    assert front.get_ylim()[0] > 0.9
 
 
 @pytest.mark.usefixtures("undrawn")

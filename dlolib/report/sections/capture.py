@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 
-from dlolib.report.drawing import draw_clamp, mark
+from dlolib.report.drawing import VIEWS, draw_clamp, mark, widest
 from dlolib.report.model import Block, Column, Figure, Missing, Paragraph, Section, Table
 from dlolib.report.pictures import depth_m, rgb, rope_window, shown
 from dlolib.report.results import Results
@@ -113,13 +113,15 @@ def _motion(capture: CaptureIndex, motion: Motion, figures: Path) -> Figure:
     figure = canvas(56)
     path, time = figure.subplots(1, 2, width_ratios=[1, 1.35])
     moved = motion.end_m if np.isfinite(motion.end_m).all() else motion.start_m
-    path.plot(moved[:, 0], moved[:, 2], color=PATH)
+    view = widest(moved)
+    across, up = view.split("-")
+    path.plot(*moved[:, VIEWS[view]].T, color=PATH)
     held = motion.start_m[0]
     if np.isfinite(held).all() and moved is motion.end_m:
-        draw_clamp(path, held, "x-z")
-        mark(path, held, "x-z", "clamp", (6, 5))
-    _ends(path, moved)
-    path.set(xlabel="x [mm]", ylabel="z [mm]", aspect="equal")
+        draw_clamp(path, held, view)
+        mark(path, held, view, "clamp", (6, 5))
+    _ends(path, moved[:, VIEWS[view]])
+    path.set(xlabel=f"{across} [mm]", ylabel=f"{up} [mm]", aspect="equal")
     path.margins(0.12)
     path.set_adjustable("datalim")
     thousandths(path)
@@ -135,12 +137,12 @@ def _motion(capture: CaptureIndex, motion: Motion, figures: Path) -> Figure:
     way = "out and back to the dot" if closed else "from the ring to the dot"
     return Figure(
         save(figure, figures, "motion"),
-        f"How the gripper moved: left its path in the plane of the motion, {way}; right its coordinates "
+        f"How the gripper moved: left its path in the {view} plane, {way}; right its coordinates "
         "over time. The short strokes under the time axis are the moments at which a frame was taken.",
         "Path of the gripper and its coordinates over time",
     )
 
 
 def _ends(axes: Axes, moved: Floats) -> None:
-    axes.plot(*moved[0, [0, 2]], "o", color=PATH, markerfacecolor="white", markersize=5)
-    axes.plot(*moved[-1, [0, 2]], "o", color=PATH, markersize=5)
+    axes.plot(*moved[0], "o", color=PATH, markerfacecolor="white", markersize=5)
+    axes.plot(*moved[-1], "o", color=PATH, markersize=5)

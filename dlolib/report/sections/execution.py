@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from dlolib.report.drawing import draw_clamp, draw_obstacles, draw_rope, silhouette
+from dlolib.report.drawing import VIEWS, draw_clamp, draw_obstacles, draw_rope, silhouette, widest
 from dlolib.report.model import Block, Column, Figure, Missing, Paragraph, Section, Table
 from dlolib.report.results import Results
 from dlolib.report.style import ELASTIC, GOAL, PLASTIC, ROD, SERIES, WIDTH_MM, canvas, save, thousandths
@@ -77,7 +77,9 @@ def _words(own_rope: bool) -> str:
 def _shapes(results: Results, names: list[str], figures: Path) -> Figure:
     columns = min(2, len(names))
     rows = -(-len(names) // columns)
-    low, high = _reach(results, names)
+    view = widest(np.vstack([layout.goal_m for name in names if (layout := results.layout(name))]))
+    across, up = view.split("-")
+    low, high = _reach(results, names, view)
     figure = canvas(
         rows * ((WIDTH_MM / columns - 17.0) * (high[1] - low[1]) / (high[0] - low[0]) + 8.0) + 14.0
     )
@@ -88,60 +90,51 @@ def _shapes(results: Results, names: list[str], figures: Path) -> Figure:
         axes.set_axis_on()
         layout, shapes = results.layout(name), results.table("execute", name, "shapes.csv")
         assert layout is not None and shapes is not None
-        _final(axes, layout, shapes, results.table("learn", name, "shapes.csv"))
+        _final(axes, view, layout, shapes, results.table("learn", name, "shapes.csv"))
         axes.set(title=title(name), xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
         thousandths(axes)
     for axes in panels[-1]:
-        axes.set_xlabel("x [mm]")
+        axes.set_xlabel(f"{across} [mm]")
     for axes in panels[:, 0]:
-        axes.set_ylabel("z [mm]")
+        axes.set_ylabel(f"{up} [mm]")
     _legend(figure.get_axes()[0])
     handles, labels = figure.get_axes()[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper left", ncols=len(labels))
     return Figure(
         save(figure, figures, "execution"),
-        "The shape at the end of the motion, from the front: goal (magenta rings), the rod that learned "
+        f"The shape at the end of the motion in the {view} plane: goal (magenta rings), the rod that learned "
         "(dashed blue), and the laboratory's elastic (light blue) and plastic (orange) ropes. See how "
         "near the elastic rope comes to the plan, and where along it the plastic one departs.",
         "Shapes at the end of the executed motions",
     )
 
 
-def _reach(results: Results, names: list[str]) -> tuple[Floats, Floats]:
-    """Lowest and highest x and z [m] of goals, obstacles and reached shapes, with a margin."""
+def _reach(results: Results, names: list[str], view: str) -> tuple[Floats, Floats]:
+    """Lowest and highest coordinates in a view [m] of goals, obstacles and reached shapes, with a margin."""
     seen = []
     for name in names:
         layout, shapes = results.layout(name), results.table("execute", name, "shapes.csv")
         assert layout is not None and shapes is not None
-        seen.append(layout.goal_m[:, [0, 2]])
-        seen += [line for obstacle in layout.obstacles if (line := silhouette(obstacle, "x-z")) is not None]
+        seen.append(layout.goal_m[:, VIEWS[view]])
+        seen += [line for obstacle in layout.obstacles if (line := silhouette(obstacle, view)) is not None]
         last = [_last_shape(rows) for _, rows in shapes.groupby("law")]
-        seen += [nodes[:, [0, 2]] for nodes in last if nodes is not None]
+        seen += [nodes[:, VIEWS[view]] for nodes in last if nodes is not None]
     points = np.vstack(seen)
     return points.min(axis=0) - 0.015, points.max(axis=0) + 0.015
 
 
-def _final(axes: Axes, layout: Layout, shapes: pd.DataFrame, plan: pd.DataFrame | None) -> None:
-    draw_obstacles(axes, layout.obstacles, "x-z")
+def _final(axes: Axes, view: str, layout: Layout, shapes: pd.DataFrame, plan: pd.DataFrame | None) -> None:
+    draw_obstacles(axes, layout.obstacles, view)
     for law, (_, color) in LAWS.items():
         nodes = _last_shape(shapes[shapes["law"] == law])
         if nodes is not None:
-            draw_rope(axes, nodes, "x-z", color, layout.rope.radius_m, fill=0.2)
+            draw_rope(axes, nodes, view, color, layout.rope.radius_m, fill=0.2)
     nodes = _last_shape(plan) if plan is not None else None
     if nodes is not None:
-        axes.plot(nodes[:, 0], nodes[:, 2], color=ROD, linewidth=1.0, linestyle=(0, (5, 2)), zorder=5)
-    goal = layout.goal_m[:: max(1, len(layout.goal_m) // 24)]
-    axes.plot(
-        goal[:, 0],
-        goal[:, 2],
-        "o",
-        color=GOAL,
-        markersize=3.2,
-        markerfacecolor=("none"),
-        markeredgewidth=0.7,
-        zorder=6,
-    )
-    draw_clamp(axes, layout.start.position_m, "x-z")
+        axes.plot(*nodes[:, VIEWS[view]].T, color=ROD, linewidth=1.0, linestyle=(0, (5, 2)), zorder=5)
+    goal = layout.goal_m[:: max(1, len(layout.goal_m) // 24), VIEWS[view]]
+    axes.plot(*goal.T, "o", color=GOAL, markersize=3.2, markerfacecolor="none", markeredgewidth=0.7, zorder=6)
+    draw_clamp(axes, layout.start.position_m, view)
 
 
 def _legend(axes: Axes) -> None:

@@ -72,10 +72,11 @@ class Learned:
             for view, across in VIEWS.items():
                 outline = silhouette(obstacle, view)
                 if outline is not None:
-                    seen.append(np.zeros((len(outline), 3)))
+                    # an outline tells nothing of how far away it is
+                    seen.append(np.full((len(outline), 3), np.nan))
                     seen[-1][:, across] = outline
         points = np.vstack(seen)
-        return np.array([points.min(axis=0), points.max(axis=0)])
+        return np.array([np.nanmin(points, axis=0), np.nanmax(points, axis=0)])
 
 
 def _read(results: Results, name: str) -> Learned | None:
