@@ -30,6 +30,20 @@ def test_own_data_has_no_truth_and_says_so(results: Path, tmp_path: Path) -> Non
     assert "laboratory's rope:" not in json.dumps(content)
 
 
+@pytest.mark.usefixtures("undrawn")
+def test_a_stiffness_over_density_keeps_its_unit(results: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "run"
+    shutil.copytree(results.parent, copy)
+    for name in ("fit.json", "loss.csv"):
+        path = copy / "reports" / "identify" / "captured" / name
+        text = path.read_text(encoding="utf-8").replace("bending_stiffness", "bending_stiffness_over_density")
+        path.write_text(text.replace("N m^2", "m^4/s^2"), encoding="utf-8")
+    content = collect(Results(copy / "reports", copy / "data"), tmp_path / "figures")
+    (table,) = [block for block in blocks_of(content, "table") if block["caption"] == "Figure by figure."]
+    ours = {row[0]: row[2] for row in table["rows"]}
+    assert ours["Stiffness identified"].startswith("3.04 × 10⁻⁴ m⁴/s² (")
+
+
 def _turned(table: pd.DataFrame) -> pd.DataFrame:
     """The table with what goes along z along y instead, as of a rope that lies on a table, 1 m further up."""
     swapped = {name: name.replace("z_m", "y_m") for name in table if name.endswith("z_m")}

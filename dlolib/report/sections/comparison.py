@@ -11,7 +11,7 @@ from dlolib.report.headline import clear, headline, stiffness
 from dlolib.report.model import Column, Paragraph, Section, Table
 from dlolib.report.results import CAPTURED, Results
 from dlolib.report.sections.ablation import at_obstacle, last_of_runs, read_ablation
-from dlolib.report.text import ABSENT, millimetres, scientific, span, title
+from dlolib.report.text import ABSENT, millimetres, nice_unit, scientific, span, title
 
 Row = tuple[str, str, str, str]
 
@@ -43,7 +43,7 @@ def _identification(results: Results) -> tuple[Row, ...]:
     if summary is not None:
         loss, frames = summary["loss_paper_m"], summary["frames"]
         ours = f"{scientific(loss, 3)} m over {frames} frames, {millimetres(loss / frames, 2)} mm a point"
-    value = f"{scientific(ei.value)} N m² ({span(ei.low, ei.high)})" if ei else ABSENT
+    value = f"{scientific(ei.value)} {nice_unit(ei.unit)} ({span(ei.low, ei.high)})" if ei else ABSENT
     return (
         ("Loss (12) at the end, Fig. 9", "about 0.2 m over 40 frames, 5 mm a point", ours, command),
         (
