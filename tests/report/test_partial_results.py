@@ -44,6 +44,25 @@ def test_a_stiffness_over_density_keeps_its_unit(results: Path, tmp_path: Path) 
     assert ours["Stiffness identified"].startswith("3.04 × 10⁻⁴ m⁴/s² (")
 
 
+@pytest.mark.usefixtures("undrawn")
+def test_of_recordings_identified_together_each_keeps_its_own(results: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "run"
+    shutil.copytree(results.parent, copy)
+    folder = copy / "reports" / "identify" / "wire_white"
+    fit = json.loads((folder / "fit.json").read_text(encoding="utf-8"))
+    own = fit["nuisances"]["wire_white"]["end_angle.start_1"]
+    fit["nuisances"]["wire_again"] = {"end_angle.start_1": own | {"value": 0.0123}}
+    write_json(folder / "fit.json", fit)
+    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    write_json(folder / "summary.json", summary | {"recordings": ["wire_white", "wire_again"]})
+    content = collect(Results(copy / "reports", copy / "data"), tmp_path / "figures")
+    (table,) = [block for block in blocks_of(content, "table") if "What was identified" in block["caption"]]
+    angles = {row[0]: row[2] for row in table["rows"] if row[1] == "End angle, start 1"}
+    assert (angles["Wire white"], angles["Wire again"]) == ("0.0110", "0.0123")
+    said = " ".join(block["text"] for block in blocks_of(content, "paragraph"))
+    assert "Wire white: wire_white and wire_again were identified together; shapes" in said
+
+
 def _turned(table: pd.DataFrame) -> pd.DataFrame:
     """The table with what goes along z along y instead, as of a rope that lies on a table, 1 m further up."""
     swapped = {name: name.replace("z_m", "y_m") for name in table if name.endswith("z_m")}

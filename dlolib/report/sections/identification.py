@@ -20,7 +20,7 @@ from dlolib.report.style import (
     legend_above,
     save,
 )
-from dlolib.report.text import millimetres, nice_unit, scientific, span, title
+from dlolib.report.text import listed, millimetres, nice_unit, scientific, span, title
 from dlolib.types import Estimate
 
 TITLE = "Stiffness identified"
@@ -48,6 +48,12 @@ def section(results: Results, figures: Path) -> Section:
         shapes = results.table("identify", name, "shapes.csv")
         if shapes is None or shapes.empty:
             blocks.append(Missing(f"There are no simulated shapes of the recording `{name}`."))
+        together = (results.json("identify", name, "summary.json") or {}).get("recordings", [])
+        if len(together) > 1:
+            text = (
+                f"{title(name)}: {listed(together)} were identified together; shapes and mean distance are "
+            )
+            blocks.append(Paragraph(f"{text}of the first."))
         else:
             blocks.append(shapes_figure(name, shapes, figures))
     return Section("identification", TITLE, tuple(blocks))
@@ -134,9 +140,11 @@ def _parameters(results: Results) -> Table:
         fit = results.fit(name)
         if fit is None:
             continue
-        own = {key: estimate for values in fit.nuisances.values() for key, estimate in values.items()}
-        for key, estimate in {**fit.parameters, **own}.items():
-            rows.append((title(name), _parameter(key), *_estimate(estimate)))
+        # what several recordings share, and what each of them has for itself
+        several = len(fit.nuisances) > 1
+        own = [(of if several else name, values) for of, values in fit.nuisances.items()]
+        for whose, values in ((name, fit.parameters), *own):
+            rows += [(title(whose), _parameter(key), *_estimate(one)) for key, one in values.items()]
     columns = (
         Column("Recording", align="left"),
         Column("Parameter", align="wide"),
