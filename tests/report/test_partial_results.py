@@ -44,6 +44,22 @@ def test_a_stiffness_over_density_keeps_its_unit(results: Path, tmp_path: Path) 
     assert ours["Stiffness identified"].startswith("3.04 × 10⁻⁴ m⁴/s² (")
 
 
+def test_a_short_descent_fills_its_panel(
+    results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    copy, drawn = tmp_path / "run", {}
+    shutil.copytree(results.parent, copy)
+    path = copy / "reports" / "identify" / "captured" / "loss.csv"
+    loss = pd.read_csv(path)
+    write_csv(path, loss[loss["method"] == "least_squares"])
+    monkeypatch.setattr(Canvas, "get_layout_engine", lambda self: None)
+    monkeypatch.setattr(
+        Canvas, "savefig", lambda self, path, **_: drawn.update({path.stem: self}) or path.touch()
+    )
+    collect(Results(copy / "reports", copy / "data"), tmp_path / "figures")
+    assert drawn["loss"].get_axes()[0].get_xlim()[1] < 20
+
+
 @pytest.mark.usefixtures("undrawn")
 def test_of_recordings_identified_together_each_keeps_its_own(results: Path, tmp_path: Path) -> None:
     copy = tmp_path / "run"

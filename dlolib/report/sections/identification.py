@@ -31,6 +31,9 @@ NAMES = {
     "torsional_stiffness_over_density": "Torsional stiffness over density",
 }
 
+# Marked iterations, as far as there are so many.
+TICKS = (0, 5, 10, 100, 300, 1000, 3000, 10_000, 100_000)
+
 
 def section(results: Results, figures: Path) -> Section:
     """The loss curve, a table of parameters, then for each recording its shapes and residual."""
@@ -45,15 +48,15 @@ def section(results: Results, figures: Path) -> Section:
         blocks.append(_loss(loss, figures))
     blocks += [_parameters(results), _residuals(results)]
     for name in results.recordings:
-        shapes = results.table("identify", name, "shapes.csv")
-        if shapes is None or shapes.empty:
-            blocks.append(Missing(f"There are no simulated shapes of the recording `{name}`."))
         together = (results.json("identify", name, "summary.json") or {}).get("recordings", [])
         if len(together) > 1:
             text = (
                 f"{title(name)}: {listed(together)} were identified together; shapes and mean distance are "
             )
             blocks.append(Paragraph(f"{text}of the first."))
+        shapes = results.table("identify", name, "shapes.csv")
+        if shapes is None or shapes.empty:
+            blocks.append(Missing(f"There are no simulated shapes of the recording `{name}`."))
         else:
             blocks.append(shapes_figure(name, shapes, figures))
     return Section("identification", TITLE, tuple(blocks))
@@ -109,7 +112,8 @@ def _loss(loss: pd.DataFrame, figures: Path) -> Figure:
     for axes in panels:
         axes.set_xscale("symlog", linthresh=10)
         axes.set_xlim(-0.4, None)
-        axes.set_xticks([0, 5, 10, 100, 300], ["0", "5", "10", "100", "300"])
+        ticks = [tick for tick in TICKS if tick <= loss["iteration"].max()]
+        axes.set_xticks(ticks, [f"{tick:,}".replace(",", " ") for tick in ticks])
     return Figure(
         save(figure, figures, "loss"),
         "Left: the loss (12) over the iterations, the sum over the frames of the mean distance a point; "
