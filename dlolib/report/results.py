@@ -13,7 +13,14 @@ import numpy as np
 import pandas as pd
 
 from dlolib.errors import FormatError
-from dlolib.formats import read_capture_index, read_fit, read_layout, read_recording, read_verdict
+from dlolib.formats import (
+    LEARNED_FOR,
+    read_capture_index,
+    read_fit,
+    read_layout,
+    read_recording,
+    read_verdict,
+)
 from dlolib.formats.recording import points_table
 from dlolib.report.measures import ChainError, chain_error
 from dlolib.types import CaptureIndex, Fit, Floats, Layout, Recording, Verdict
@@ -157,9 +164,10 @@ class Results:
         return block is None or len(parts) < 2 or parts[1] in self._named(block, [parts[1]])
 
     def layout(self, name: str) -> Layout | None:
-        """A layout with its goal and obstacles."""
-        path = self.data / "layouts" / name
-        return read_layout(path) if path.is_dir() else None
+        """A layout with its goal and obstacles: as learning left it beside what came of it, else that of the
+        data, which may have been changed since or lie elsewhere."""
+        paths = (self.folder / "learn" / name / LEARNED_FOR, self.data / "layouts" / name)
+        return next((read_layout(path) for path in paths if path.is_dir()), None)
 
     @cached_property
     def capture(self) -> CaptureIndex | None:

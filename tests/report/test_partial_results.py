@@ -204,6 +204,20 @@ def test_one_missing_input_gives_a_sentence(results: Path, tmp_path: Path, gone:
     assert sentence in " ".join(block["text"] for block in blocks_of(content, "missing"))
 
 
+def test_a_layout_is_drawn_as_it_was_learned_for(results: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "run"
+    shutil.copytree(results.parent, copy)
+    now, then = copy / "data" / "layouts" / LAYOUTS[0], copy / "reports" / "learn" / LAYOUTS[0] / "layout"
+    shutil.copytree(now, then)
+    source = Results(copy / "reports", copy / "data")
+    content = json.loads((now / "layout.json").read_text(encoding="utf-8"))
+    write_json(now / "layout.json", content | {"obstacles": []})
+    layout = source.layout(LAYOUTS[0])
+    assert layout is not None and len(layout.obstacles) == 2
+    shutil.rmtree(now)
+    assert source.layout(LAYOUTS[0]) is not None
+
+
 @pytest.mark.usefixtures("undrawn")
 def test_unreadable_result_is_refused_and_nothing_written(results: Path, tmp_path: Path) -> None:
     copy = tmp_path / "run"
