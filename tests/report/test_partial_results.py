@@ -44,6 +44,24 @@ def test_a_stiffness_over_density_keeps_its_unit(results: Path, tmp_path: Path) 
     assert ours["Stiffness identified"].startswith("3.04 × 10⁻⁴ m⁴/s² (")
 
 
+@pytest.mark.usefixtures("undrawn")
+def test_the_parameters_stand_as_params_yaml_has_them(results: Path, tmp_path: Path) -> None:
+    chain = {"threshold": None, "full": False, "without": [], "topics": {}, "hidden": [64, 32], "tie": 6.0}
+    given = {"chain": chain, "learn": {"segments": 5}, "layouts": [LAYOUTS[0]]}
+    source = Results(results, results.parent / "data", parameters=given)
+    content = collect(source, tmp_path / "figures")
+    (table,) = [block for block in blocks_of(content, "table") if "params.yaml" in block["caption"]]
+    assert table["rows"][0][1] == (
+        "`threshold` null; `full` false; `without` []; `topics` {}; `hidden` 64, 32; `tie` 6"
+    )
+    parts = {part["name"]: json.dumps(part) for part in content["sections"]}
+    assert "Layouts for which a motion was learned: 1; motions that keep clear" in parts["headline"]
+    # a user's obstacles may be of any shape
+    assert (
+        "from A to B as 5 arcs" in parts["layouts"] and "cylinder" not in parts["layouts"] + parts["ablation"]
+    )
+
+
 def test_a_short_descent_fills_its_panel(
     results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -77,6 +95,19 @@ def test_of_recordings_identified_together_each_keeps_its_own(results: Path, tmp
     assert (angles["Wire white"], angles["Wire again"]) == ("0.0110", "0.0123")
     said = " ".join(block["text"] for block in blocks_of(content, "paragraph"))
     assert "Wire white: wire_white and wire_again were identified together; shapes" in said
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_of_clouds_no_image_is_spoken_of(results: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "run"
+    shutil.copytree(results.parent, copy)
+    frames = copy / "data" / "capture" / "frames.csv"
+    table = pd.read_csv(frames)
+    write_csv(frames, table[["frame", "t_s"]].assign(cloud=[f"{k}.ply" for k in table["frame"]]))
+    for k in table["frame"]:
+        (frames.parent / f"{k}.ply").write_text("ply", encoding="utf-8")
+    words = json.dumps(collect(Results(copy / "reports", copy / "data"), tmp_path / "figures"))
+    assert "in each segmented cloud" in words and "in the colour image" not in words
 
 
 def _turned(table: pd.DataFrame) -> pd.DataFrame:

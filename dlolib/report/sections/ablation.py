@@ -107,7 +107,7 @@ def _curves(name: str, table: pd.DataFrame, figures: Path) -> Figure:
         f"{title(name)} from {table['seed'].nunique()} initial weights, one curve a run. Left the mean "
         "goal error, right the smallest clearance; while learning the rope counts as thicker by a margin of "
         f"{millimetres(margin)} mm and touches an obstacle at that line. See whether plain squared error "
-        "(orange) stays at the cylinder, where no step toward the goal lowers the loss any more, while the "
+        "(orange) stays at an obstacle, where no step toward the goal lowers the loss any more, while the "
         "contact term (blue) may lead around it; how far each comes says how much that is worth from these "
         "weights.",
         "Goal error and clearance over the iterations for both losses",

@@ -26,7 +26,7 @@ def section(results: Results, figures: Path) -> Section:
     recording = results.captured
     if recording is None:
         return Section("chain", TITLE, (Missing("No chain is there: `dvc repro chain` makes it."),))
-    blocks: list[Block] = [Paragraph(_words(recording))]
+    blocks: list[Block] = [Paragraph(_words(recording, results.capture))]
     capture = results.capture
     if capture is not None and not np.isin(recording.points.frame, capture.frame).all():
         blocks.append(
@@ -49,13 +49,17 @@ def section(results: Results, figures: Path) -> Section:
     return Section("chain", TITLE, (*blocks, *chain_bench.blocks(results)))
 
 
-def _words(recording: Recording) -> str:
+def _words(recording: Recording, capture: CaptureIndex | None) -> str:
     points = recording.points
     frames, counts = np.unique(points.frame, return_counts=True)
     each = f"{counts.min()} to {counts.max()}" if counts.min() < counts.max() else str(counts.min())
+    line = (
+        "finds the rope's centre line in each segmented cloud, seen as the depth image that it came from,"
+        if capture is not None and not capture.color
+        else "finds the rope's centre line in the colour image, carries it into space through the depth image"
+    )
     return (
-        "Algorithm 1 of the paper finds the rope's centre line in the colour image, carries it into "
-        f"space through the depth image and walks along it at an even spacing. {len(frames)} frames gave "
+        f"Algorithm 1 of the paper {line} and walks along it at an even spacing. {len(frames)} frames gave "
         f"{len(points.frame)} points, {each} in a frame."
     )
 

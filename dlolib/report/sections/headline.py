@@ -47,9 +47,8 @@ def _summary(results: Results) -> str:
         results_of = [results.learned(name) or {} for name in learned]
         free = sum(clear(result) for result in results_of)
         texts.append(
-            f"A motion was learned for {len(learned)} layouts of obstacles; "
-            f"{'all' if free == len(learned) else free} of them keep clear of the obstacles in the rod's "
-            "simulation."
+            f"Layouts for which a motion was learned: {len(learned)}; motions that keep clear of every "
+            f"obstacle in the rod's simulation: {free}."
         )
     if not texts and (others := sorted({*results.recordings, *results.diagnosed})):
         texts.append(f"Nothing was captured here; what follows is of {listed(others)}.")

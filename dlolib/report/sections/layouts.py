@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from dlolib.report.drawing import VIEWS, draw_clamp, draw_obstacles, draw_rope, mark, silhouette, smooth
 from dlolib.report.model import Block, Column, Figure, Missing, Paragraph, Section, Table
 from dlolib.report.results import Results
-from dlolib.report.style import GOAL, PATH, ROD, SERIES, WIDTH_MM, canvas, save, thousandths
+from dlolib.report.style import GOAL, PATH, ROD, SERIES, WHITE, WIDTH_MM, canvas, save, thousandths
 from dlolib.report.text import listed, millimetres, title
 from dlolib.types import Floats, Layout
 
@@ -28,7 +28,7 @@ def section(results: Results, figures: Path) -> Section:
     learned = [name for name in results.layouts if results.learned(name)]
     if not learned:
         return Section("layouts", TITLE, (Missing("Nothing was learned yet: `dvc repro learn` does it."),))
-    blocks: list[Block] = [Paragraph(_words())]
+    blocks: list[Block] = [Paragraph(_words(results))]
     drawn = [each for name in learned if (each := _read(results, name))]
     if drawn:
         blocks.append(_views(drawn, figures))
@@ -46,9 +46,11 @@ def section(results: Results, figures: Path) -> Section:
     return Section("layouts", TITLE, tuple(blocks))
 
 
-def _words() -> str:
+def _words(results: Results) -> str:
+    segments = (results.parameters or {}).get("learn", {}).get("segments")
+    arcs = f"{segments} arcs" if segments else "a chain of arcs"
     return (
-        "For each layout a small network proposes the gripper's motion from A to B as ten arcs, and "
+        f"For each layout a small network proposes the gripper's motion from A to B as {arcs}, and "
         "learns from the gradient through the simulated rod: toward the goal shape, and away from every "
         "contact on the way."
     )
@@ -115,8 +117,8 @@ def _views(drawn: list[Learned], figures: Path) -> Figure:
         save(figure, figures, "layouts"),
         "The layouts, each from the front (x-z) and from above (x-y), ropes at their true thickness. See "
         "whether the reached shape (blue) lies on the goal (magenta rings), and whether any of the "
-        "shapes on the way (pale blue, every thirtieth step) comes near a cylinder; the green line is "
-        "the gripper's path from A to B.",
+        "shapes on the way (pale blue, every thirtieth step) comes near an obstacle; the green line "
+        "is the gripper's path from A to B.",
         "Learned motions in each layout in two views",
     )
 
@@ -183,7 +185,8 @@ def _table(results: Results, names: list[str]) -> Table:
     caption = (
         "The learned motions in the rod. The goal error is the distance between a point of the reached "
         "shape and its goal; the clearance is that of the rope's surface to the nearest obstacle over "
-        "all steps, negative inside."
+        "all steps, negative inside. Contacts: how often, over all particles and steps, one came nearer than "
+        "the clearance that was asked for."
     )
     return Table(caption, columns, tuple(rows))
 
@@ -210,8 +213,8 @@ def _curves(curves: dict[str, pd.DataFrame], figures: Path) -> Figure:
     panels[2].set_ylim(min(0.0, panels[2].get_ylim()[0]), None)
     panels[2].axhline(margin, color="#333333", linewidth=0.8)
     panels[2].annotate(
-        "touching", (0.98, margin), (0, -2), xycoords=("axes fraction", "data"), textcoords="offset points",
-        ha="right", va="top", fontsize=6.5, color="#333333",
+        "touching", (0.98, margin), (0, 1), xycoords=("axes fraction", "data"), textcoords="offset points",
+        ha="right", va="bottom", fontsize=6.5, color="#333333", bbox=WHITE,
     )  # fmt: skip
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper left", ncols=len(labels))
