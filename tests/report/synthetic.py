@@ -391,7 +391,8 @@ def _write_bench(path: Path) -> None:
 def _write_chain_bench(path: Path) -> None:
     axis = {"axis_rms_mm": {"value": 0.26, "goal": 0.6, "met": True}}
     crossing = {**axis, "spacing_percent": {"value": 6.0, "goal": 3.0, "met": False}}
-    write_json(path, {"cases": {"clear": {"figures": axis}, "crossing": {"figures": crossing}}})
+    how = {"axis_rms_mm": "off the axis", "spacing_percent": "largest change of spacing"}
+    write_json(path, {"how": how, "cases": {"clear": {"figures": axis}, "crossing": {"figures": crossing}}})
 
 
 def _estimate(value: float) -> dict[str, object]:

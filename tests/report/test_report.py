@@ -310,4 +310,7 @@ def test_what_was_diagnosed_together_stands_with_what_it_foretells(content: dict
 def test_the_chain_s_misses_are_named(content: dict) -> None:
     (section,) = [section for section in content["sections"] if section["name"] == "chain"]
     words = " ".join(block["text"] for block in section["blocks"] if block["kind"] == "paragraph")
-    assert "2 of 3 figures meet their goals" in words and "Missed: crossing: spacing, largest 6." in words
+    assert (
+        "2 of 3 figures meet their goals" in words
+        and "Missed: spacing, largest [%] (goal 3): crossing 6.00." in words
+    )

@@ -7,7 +7,7 @@ from typing import Any
 
 from dlolib.report.model import Block, Column, Missing, Paragraph, Table
 from dlolib.report.results import Results
-from dlolib.report.text import fixed
+from dlolib.report.text import MINUS, fixed
 
 # What stands in the table: key, heading, factor, unit, decimals.
 SHOWN = (
@@ -44,18 +44,31 @@ def blocks(results: Results) -> list[Block]:
     )
     columns = [Column("Case", align="left"), *(Column(heading, unit) for _, heading, _, unit, _ in SHOWN)]
     rows = tuple((name.replace("_", " "), *_cells(case["figures"])) for name, case in cases.items())
-    misses = [
-        f"{name.replace('_', ' ')}: {NAMES.get(key, key)} {one['value']:.3g}"
-        for name, case in cases.items()
-        for key, one in case["figures"].items()
-        if not one["met"]
-    ]
+    misses = [told for key in found["how"] for told in _missed(key, cases)]
     caption = (
         "The chain on rendered ropes, root mean squares by case; frames a second, one after the other and "
         "those of a long capture shared out among the cores."
     )
     missed = [Paragraph(f"Missed: {'; '.join(misses)}.")] if misses else []
     return [words, Table(caption, tuple(columns), rows), *missed]
+
+
+def _missed(key: str, cases: Mapping[str, Any]) -> list[str]:
+    """The cases whose figure misses its goal, those with one goal together."""
+    shown = {name: (factor, unit, digits) for name, _, factor, unit, digits in SHOWN}
+    factor, unit, digits = shown.get(key, (1.0, "", 1))
+    missed: dict[str, list[str]] = {}
+    for name, case in cases.items():
+        one = case["figures"].get(key)
+        if one is None or one["met"]:
+            continue
+        bounds = one["goal"] if isinstance(one["goal"], list) else [one["goal"]]
+        goal = " to ".join(f"{factor * bound:g}".replace("-", MINUS) for bound in bounds)
+        # a digit more than in the table tells a near miss from the goal
+        value = fixed(factor * one["value"], digits + 1)
+        missed.setdefault(goal, []).append(f"{name.replace('_', ' ')} {value}")
+    label = NAMES.get(key, key) + (f" [{unit}]" if unit else "")
+    return [f"{label} (goal {goal}): {', '.join(told)}" for goal, told in missed.items()]
 
 
 def _cells(figures: Mapping[str, Any]) -> tuple[str, ...]:
