@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
+import subprocess
 from pathlib import Path
 
 import pytest
 
-from tests.pipeline.conftest import Pipeline, finished_in
+from tests.pipeline.conftest import ROOT, Pipeline, finished_in
 
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Pipeline:
     """One layout will do here: each stage takes DVC half a second."""
     return finished_in(tmp_path_factory.mktemp("one_layout"), layouts=1)
+
+
+def test_make_lists_its_commands_in_two_columns() -> None:
+    listed = subprocess.run(["make", "-s", "-C", ROOT, "help"], capture_output=True, text=True, check=True)
+    lines = re.findall(r"(?m)^(  make [a-z-]+ +)\S", listed.stdout)
+    assert len(lines) > 20 and len({len(line) for line in lines}) == 1
 
 
 def test_dag_shows_the_way_of_the_data(pipeline: Pipeline) -> None:
