@@ -285,11 +285,15 @@ def test_without_obstacles_there_is_no_clearance_and_none_is_missing(results: Pa
     shutil.copytree(results.parent, copy)
     for path in (copy / "reports" / "learn").glob("*/result.json"):
         write_json(path, json.loads(path.read_text(encoding="utf-8")) | {"min_clearance_m": None})
+        curve = path.with_name("curve.csv")
+        write_csv(curve, pd.read_csv(curve).assign(min_clearance_m=float("inf")))
     content = collect(Results(copy / "reports", copy / "data"), tmp_path / "figures")
     (cards,) = blocks_of(content, "cards")
     (card,) = [card for card in cards["items"] if card["label"] == "Smallest clearance"]
     assert (card["value"], card["detail"]) == ("none", "No layout has an obstacle.")
     assert "Not there yet" not in json.dumps(content["sections"][0])
+    (learning,) = [one for one in blocks_of(content, "figure") if one["file"].endswith("learning.svg")]
+    assert "touches" not in learning["caption"] and "clearance" not in learning["alt"]
 
 
 @pytest.mark.usefixtures("undrawn")

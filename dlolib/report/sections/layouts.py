@@ -192,13 +192,13 @@ def _table(results: Results, names: list[str]) -> Table:
 
 
 def _curves(curves: dict[str, pd.DataFrame], figures: Path) -> Figure:
+    """Without an obstacle in any layout there is no clearance to be drawn."""
+    columns = [("loss", "loss (19)"), ("goal_error_mean_m", "mean goal error [mm]")]
+    clearance = any(np.isfinite(curve["min_clearance_m"]).any() for curve in curves.values())
+    if clearance:
+        columns.append(("min_clearance_m", "clearance [mm]"))
     figure = canvas(56)
-    panels = figure.subplots(1, 3)
-    columns = (
-        ("loss", "loss (19)"),
-        ("goal_error_mean_m", "mean goal error [mm]"),
-        ("min_clearance_m", "clearance [mm]"),
-    )
+    panels = figure.subplots(1, len(columns))
     for index, (name, curve) in enumerate(curves.items()):
         for axes, (column, _) in zip(panels, columns, strict=True):
             color = SERIES[index % len(SERIES)]
@@ -209,21 +209,35 @@ def _curves(curves: dict[str, pd.DataFrame], figures: Path) -> Figure:
             thousandths(axes, "y")
     panels[0].set_yscale("log")
     panels[1].set_ylim(0, None)
-    margin = max(float(curve["contact_margin_m"].max()) for curve in curves.values())
-    panels[2].set_ylim(min(0.0, panels[2].get_ylim()[0]), None)
-    panels[2].axhline(margin, color="#333333", linewidth=0.8)
-    panels[2].annotate(
-        "touching", (0.98, margin), (0, 1), xycoords=("axes fraction", "data"), textcoords="offset points",
-        ha="right", va="bottom", fontsize=6.5, color="#333333", bbox=WHITE,
-    )  # fmt: skip
+    words = (
+        "How the motions were learned: the loss and the mean goal error. See how far the error falls, and "
+        "whether it still does at the end."
+    )
+    if clearance:
+        margin = max(float(curve["contact_margin_m"].max()) for curve in curves.values())
+        _mark_touching(panels[2], margin)
+        words = (
+            "How the motions were learned: the loss, the mean goal error, and the smallest clearance on the "
+            "whole way. While learning the rope counts as thicker by a margin of "
+            f"{millimetres(margin)} mm, and a motion at that line touches an obstacle: it has to come free "
+            "before it can come to the goal. See where the clearance leaves the line, and what the goal "
+            "error does there."
+        )
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper left", ncols=len(labels))
     return Figure(
         save(figure, figures, "learning"),
-        "How the motions were learned: the loss, the mean goal error, and the smallest clearance on the "
-        "whole way. While learning the rope counts as thicker by a margin of "
-        f"{millimetres(margin)} mm, and a motion at that line touches an obstacle: it has to come free "
-        "before it can come to the goal. See where the clearance leaves the line, and what the goal error "
-        "does there.",
-        "Loss, goal error and clearance over the iterations of learning",
+        words,
+        f"Loss{',' if clearance else ' and'} goal error{' and clearance' if clearance else ''} over the "
+        "iterations of learning",
     )
+
+
+def _mark_touching(axes: Axes, margin_m: float) -> None:
+    """The clearance at which learning's thicker rope touches."""
+    axes.set_ylim(min(0.0, axes.get_ylim()[0]), None)
+    axes.axhline(margin_m, color="#333333", linewidth=0.8)
+    axes.annotate(
+        "touching", (0.98, margin_m), (0, 1), xycoords=("axes fraction", "data"), textcoords="offset points",
+        ha="right", va="bottom", fontsize=6.5, color="#333333", bbox=WHITE,
+    )  # fmt: skip
