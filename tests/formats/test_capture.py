@@ -73,6 +73,7 @@ def refused(folder: Path, name: str) -> str:
         ("camera.distortion", {"k1": -0.3}, "a capture's camera is a pinhole: undistort the images"),
         ("camera.depth_scale", 0.001, "looks like metres per unit; give 1000"),
         ("camera.world_from_camera", [[1, 0, 0, 0]] * 4, "camera.world_from_camera: is no 4 x 4"),
+        ("camera.world_from_camera", [[1, 0, 0, 0], [0, 1, 0]], "camera.world_from_camera: is no 4 x 4"),
         ("camera.world_from_camera", np.diag([1.0, 1, -1, 1]).tolist(), "is no rotation"),
         ("camera.world_from_camera", (np.eye(4) + 700 * np.eye(4, k=3)).tolist(), "like millimetres"),
         ("background_color", "../secret.png", "background_color: '../secret.png' is no path within"),

@@ -44,6 +44,16 @@ def test_rows_that_were_lost_while_an_end_moved_are_told(motion: Motion) -> None
     assert motion_doubts(without(still, 51, 150), FRAMES_S, FILE) == []
 
 
+def test_frames_beyond_the_motion_are_told(motion: Motion) -> None:
+    """By more than half the time from one to the next, which is none where there is but one."""
+    assert motion_doubts(motion, FRAMES_S + 0.04, FILE) == motion_doubts(motion, FRAMES_S - 0.04, FILE) == []
+    (line,) = motion_doubts(motion, FRAMES_S + 0.06, FILE)
+    assert "ends 0.06 s before the last frame" in line
+    (line,) = motion_doubts(motion, FRAMES_S - 0.06, FILE)
+    assert "begins 0.06 s after the first frame" in line
+    assert motion_doubts(motion, FRAMES_S[:1], FILE) == motion_doubts(motion, FRAMES_S[-1:], FILE) == []
+
+
 def test_times_of_a_clock_that_counts_from_1970_are_told_apart(motion: Motion) -> None:
     late = replace(motion, t_s=motion.t_s + 1.7e9)
     (line,) = motion_doubts(without(late, 51, 150), FRAMES_S + 1.7e9, FILE)

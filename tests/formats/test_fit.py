@@ -43,6 +43,11 @@ def test_round_trip_from_file_and_folder(tmp_path: Path) -> None:
             1e-4,
             "parameters.bending_stiffness: low = 0.00029 is above high = 0.0001; swap them",
         ),
+        (
+            "parameters.bending_stiffness",
+            {"value": 0.0, "low": None, "high": None, "unit": "N m^2"},
+            "the whole: bending_stiffness = 0 is not positive; give a value above 0",
+        ),
         ("frames", 1.5, "frames: Input should be a valid integer"),
     ],
 )

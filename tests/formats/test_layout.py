@@ -102,6 +102,21 @@ def test_a_bad_key_is_named(tmp_path: Path, key: str, value: Any, says: str, kin
     assert says in refused(folder, "layout.json", kind)
 
 
+def test_a_goal_of_one_point_is_no_shape(tmp_path: Path) -> None:
+    folder = samples.layout_folder(tmp_path / "l")
+    header, first, *_ = (folder / "goal.csv").read_text().splitlines()
+    (folder / "goal.csv").write_text(f"{header}\n{first}\n")
+    assert "has one point" in refused(folder, "goal.csv")
+    (folder / "goal.csv").write_text(f"{header}\n")
+    assert "has no rows" in refused(folder, "goal.csv", FormatError)
+
+
+def test_a_goal_before_the_ropes_start(tmp_path: Path) -> None:
+    folder = samples.layout_folder(tmp_path / "l")
+    samples.set_cell(folder / "goal.csv", 2, "s_m", "-0.001")
+    assert "line 2: s_m is negative" in refused(folder, "goal.csv")
+
+
 def test_a_goal_whose_arc_length_falls(tmp_path: Path) -> None:
     folder = samples.layout_folder(tmp_path / "l")
     samples.set_cell(folder / "goal.csv", 5, "s_m", "0.001")

@@ -370,6 +370,13 @@ def test_covariances_in_square_millimetres_are_seen(tmp_path: Path) -> None:
     assert "covariances of points.csv: a deviation of 1.73 m" in refused(tmp_path / "r", "recording.json")
 
 
+def test_some_of_the_columns_of_a_covariance_are_no_covariance(tmp_path: Path) -> None:
+    write_recording(full(), tmp_path / "r")
+    path = tmp_path / "r" / "points.csv"
+    path.write_text(path.read_text().replace("cyz_m2", "comment"))
+    assert "line 1: no column cyz_m2; give all six or none" in refused(tmp_path / "r", "points.csv")
+
+
 def test_times_from_1970_are_told_apart_in_a_refusal(tmp_path: Path) -> None:
     folder = samples.recording_folder(tmp_path / "r")
     for line, t_s in zip(range(2, 7), (0.0, 0.5, 0.25, 1.0, 1.5), strict=True):
