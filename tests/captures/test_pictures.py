@@ -1,7 +1,9 @@
-"""JPEGs have no checksums: whole ones are read as OpenCV reads them, what makes no sense is refused."""
+"""JPEGs have no checksums: whole ones are read as OpenCV reads them, others refused. PNGs have some."""
 
 from __future__ import annotations
 
+import struct
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +12,7 @@ import numpy as np
 import pytest
 from chain.tubes import Scene, photograph, wave
 
-from dlolib.captures.pictures import decode_color
+from dlolib.captures.pictures import decode_color, decode_png
 from dlolib.errors import FormatError
 
 PATH = Path("000000.jpg")
@@ -69,3 +71,33 @@ def test_a_jpeg_of_a_kind_that_the_check_does_not_know_is_read() -> None:
     data = bytearray(jpeg(flat, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, SAMPLING["4:4:4"]))
     data[data.index(b"\xff\xc0") + 14] = 0x22
     np.testing.assert_array_equal(decode_color(bytes(data), PATH), as_opencv(bytes(data)))
+
+
+def chunk(kind: bytes, data: bytes) -> bytes:
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+
+HEADER = struct.pack(">IIBBBBB", 6, 4, 8, 0, 0, 0, 0)
+ROWS = zlib.compress(4 * bytes([0, 1, 2, 3, 4, 5, 6]))
+
+
+def png(*chunks: tuple[bytes, bytes]) -> bytes:
+    return b"\x89PNG\r\n\x1a\n" + b"".join(chunk(*one) for one in chunks)
+
+
+def test_a_png_whose_checksums_are_right_is_looked_into_all_the_same(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    whole = png((b"IHDR", HEADER), (b"IDAT", ROWS), (b"IEND", b""))
+    assert decode_png(whole, PATH).tolist() == [[1, 2, 3, 4, 5, 6]] * 4
+    for data, says in (
+        (png((b"IHDR", HEADER), (b"IDAT", zlib.compress(bytes(9))), (b"IEND", b"")), "cannot be decoded"),
+        (png((b"IDAT", ROWS), (b"IHDR", HEADER), (b"IEND", b"")), "it does not begin with a header"),
+        (png((b"IHDR", bytes(4) + HEADER[4:]), (b"IEND", b"")), "header: says that it has 0 x 4 pixels"),
+        (png((b"IHDR", HEADER), (b"IDAT", ROWS)), f"byte {len(whole) - 12}: is truncated"),
+        (whole[:-20] + b"?" + whole[-19:], "is damaged: a checksum is wrong"),
+        (whole[1:], "is no PNG"),
+    ):
+        with pytest.raises(FormatError, match=says):
+            decode_png(data, PATH)
+    capfd.readouterr()

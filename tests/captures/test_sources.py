@@ -117,7 +117,9 @@ def test_an_azure_kinect_s_usual_jpegs_are_read(tmp_path: Path) -> None:
         color=("mjpeg", "yuvj422p"),
     )
     ingest(source, tmp_path / "out", object_json=about)
-    for frame in open_capture(tmp_path / "out").frames():
+    frames = list(open_capture(tmp_path / "out").frames())
+    assert len(frames) == len(shot.ns)
+    for frame in frames:
         assert frame.color is not None and frame.depth_m is not None
         middle = frame.color[10:-10, 10:-10][frame.depth_m[10:-10, 10:-10] > 0]
         np.testing.assert_allclose(middle.astype(int), np.broadcast_to((200, 60, 20), middle.shape), atol=3)
@@ -159,8 +161,8 @@ def test_inverted_depth_is_turned_back(tmp_path: Path) -> None:
     about = foreign.given(tmp_path / "object.json")
     source = foreign.bag(tmp_path / "source.bag", shot, Ros(depth="inverse"))
     ingest(source, tmp_path / "out", object_json=about)
-    for row, frame in enumerate(open_capture(tmp_path / "out").frames()):
-        np.testing.assert_allclose(frame.depth_m, shot.depth[row] / 1000, atol=1e-4)
+    found = [frame.depth_m for frame in open_capture(tmp_path / "out").frames()]
+    np.testing.assert_allclose(found, shot.depth / 1000, atol=1e-4)
 
 
 def test_jpegs_are_read(tmp_path: Path) -> None:
@@ -169,9 +171,8 @@ def test_jpegs_are_read(tmp_path: Path) -> None:
     about = foreign.given(tmp_path / "object.json")
     source = foreign.bag(tmp_path / "source.bag", replace(shot, color=smooth), Ros(color="jpeg"))
     ingest(source, tmp_path / "out", object_json=about)
-    for frame in open_capture(tmp_path / "out").frames():
-        assert frame.color is not None
-        np.testing.assert_allclose(frame.color.astype(int), smooth[0], atol=3)
+    found = [frame.color for frame in open_capture(tmp_path / "out").frames()]
+    np.testing.assert_allclose(np.array(found, dtype=int), smooth, atol=3)
 
 
 @pytest.mark.parametrize("kind", ROS)
