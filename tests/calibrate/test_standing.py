@@ -66,7 +66,9 @@ def describe(folder: Path, **changes: Any) -> Path:
 def test_cylinders_stand_where_they_were_rendered(
     tmp_path: Path, depth: bool, limit_mm: float, limit_degrees: float
 ) -> None:
-    for found in find_obstacles(recorded(tmp_path / "c", depth=depth)):
+    obstacles = find_obstacles(recorded(tmp_path / "c", depth=depth))
+    assert [found.marker for found in obstacles] == list(PLACES)
+    for found in obstacles:
         truth = PLACES[found.marker]
         values = found.obstacle.values
         centre = (truth @ [0, 0, -boards.CYLINDER["height_m"] / 2, 1])[:3]
