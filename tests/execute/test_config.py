@@ -28,6 +28,7 @@ def test_without_a_file_the_world_is_the_robots_base_with_the_limits_of_a_ur5e(
     assert "the world of the recordings is taken for the robot's base frame" in caplog.text
     assert config == RobotConfig()
     assert config.limits.reach_m == 0.85
+    assert config.limits.workspace_m == ((-0.85,) * 3, (0.85,) * 3)
     assert np.array_equal(config.matrices(), [np.eye(4), np.eye(4)])
 
 

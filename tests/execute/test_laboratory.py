@@ -63,6 +63,8 @@ def test_what_no_run_can_be_is_refused() -> None:
     late = np.where(np.arange(len(way.t_s)) > 30, 1e8, 0.0)
     with pytest.raises(ParameterError, match="lasts 1e.08 s; look for a jump of the clock"):
         execute_in_lab(replace(way, t_s=way.t_s + late), layout(), ROPE)
+    with pytest.raises(ParameterError, match="laws: no law to run; give elastic, plastic, or both"):
+        execute_in_lab(way, layout(), ROPE, laws=())
 
 
 def test_both_laws_reach_the_end_and_differ(both: LabExecution) -> None:

@@ -79,6 +79,14 @@ def test_repeats_and_a_torn_last_line_of_the_recorder_are_left_out(tmp_path: Pat
     assert table["actual_TCP_pose_0"].tolist() == [0, 1, 2, 3]
 
 
+def test_the_columns_are_those_that_the_robots_recorder_writes() -> None:
+    names = columns()
+    assert len(names) == len(set(names)) == 5 + 7 * 6
+    assert names[:8] == ["timestamp", *(f"target_q_{k}" for k in range(6)), "actual_q_0"]
+    assert names[-4:] == ["speed_scaling", "robot_mode", "safety_mode", "runtime_state"]
+    assert not [name for name in names if name.endswith("_6")]
+
+
 SPOILED = {
     "text": (
         "line 3, column actual_TCP_pose_2",
@@ -97,6 +105,22 @@ def test_a_spoiled_log_is_refused(tmp_path: Path, case: str) -> None:
     with pytest.raises(FormatError, match=r"log\.csv") as refused:
         read_log(tmp_path)
     assert place in str(refused.value)
+
+
+@pytest.mark.parametrize("content", [b"", b"timestamp,actual_q_0\n1,2,3\n1,2,3,4\n", b"\xff\xfe\x00\x81"])
+def test_what_is_no_table_is_refused(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "log.csv").write_bytes(content)
+    with pytest.raises(FormatError, match=r"log\.csv: is no table: .*; record it again"):
+        read_log(tmp_path)
+
+
+def test_a_result_that_is_no_json_is_refused(tmp_path: Path) -> None:
+    recorded(tmp_path)
+    assert read_log(tmp_path).result == {}
+    for content in (b"{", b"\xff"):
+        (tmp_path / "result.json").write_bytes(content)
+        with pytest.raises(FormatError, match=r"result\.json: is not JSON: .*; remove it or run again"):
+            read_log(tmp_path)
 
 
 def test_a_folder_without_a_log_is_refused(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from dlolib.errors import MotionRefused
 from dlolib.execute import Limits, RobotConfig, check_path, path_in_base
-from dlolib.execute.path import check_samples, sampled, tool_vectors
+from dlolib.execute.path import check_samples, sampled, tool_vectors, turn_as_stored
 from dlolib.types import Motion
 
 from .conftest import FIRST_M, TURN, arc
@@ -38,6 +38,14 @@ def test_tool_and_base_enter_as_matrices() -> None:
     assert Rotation.from_rotvec(first[3:]).as_matrix() == pytest.approx(tool[:3, :3])
     # 0.15 m back along the tangent (world x), turned by a quarter about z: 0.25 m of x become y.
     assert first[:3] == pytest.approx([0.5, 0.35, 0.5])
+
+
+def test_a_pose_that_stays_turns_by_nothing_or_with_its_sign_by_all() -> None:
+    """Rounding leaves q q a little above 1 for some, of which there is no angle."""
+    q = Rotation.random(1000, random_state=0).as_quat()
+    assert (np.sum(q * q, axis=1) > 1).any()
+    assert turn_as_stored(q, q) == pytest.approx(np.zeros(1000), abs=1e-7)
+    assert turn_as_stored(q, -q) == pytest.approx(np.full(1000, 2 * np.pi), abs=1e-7)
 
 
 def test_the_signs_of_quaternions_stay_so_that_a_long_turn_goes_the_way_it_was_meant() -> None:
