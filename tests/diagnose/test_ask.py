@@ -37,7 +37,9 @@ MOTION = made({}).motion
 
 def test_every_motion_of_the_menu_goes_on_from_the_last_pose() -> None:
     speed = np.linalg.norm(np.diff(MOTION.end_m, axis=0), axis=1).max() / np.diff(MOTION.t_s).min()
-    for says, motion in menu(MOTION):
+    some = menu(MOTION)
+    assert len(some) == len({says for says, _ in some}) == 6
+    for says, motion in some:
         assert motion.t_s[0] == 0 and (np.diff(motion.t_s) > 0).all(), says
         for name in ("start_m", "start_q", "end_m", "end_q"):
             assert getattr(motion, name)[0] == pytest.approx(getattr(MOTION, name)[-1], abs=1e-9), says
@@ -249,19 +251,23 @@ def test_both_ends_go_on_from_where_they_are_and_no_faster_than_they_were() -> N
     )  # fmt: skip
     most = [(some / np.diff(motion.t_s)).max() for some in moved(motion)]
     most[1] = max(most[1], ROLL_RAD_S)
-    for says, asked in menu(motion):
+    some = menu(motion)
+    assert len(some) == 6
+    for says, asked in some:
         for name in ("start_m", "start_q", "end_m", "end_q"):
             first, last = getattr(asked, name)[0], getattr(motion, name)[-1]
             assert first == pytest.approx(last, abs=1e-9) or first == pytest.approx(-last, abs=1e-9), says
-        for some, fastest in zip(moved(asked), most, strict=True):
-            assert (some <= QUICKER * 1.01 * fastest * np.diff(asked.t_s) + 1e-9).all(), says
+        for ways, fastest in zip(moved(asked), most, strict=True):
+            assert (ways <= QUICKER * 1.01 * fastest * np.diff(asked.t_s) + 1e-9).all(), says
 
 
 def test_a_clamp_of_unknown_roll_is_asked_to_go_on_as_it_was_logged() -> None:
     ends = replace(made({}).ends, end_roll_known=False)
     turns = Rotation.from_quat(MOTION.end_q, scalar_first=True) * Rotation.from_rotvec([0, 0, 0.7])
     own = replace(made({}), ends=ends, motion=replace(MOTION, end_q=turns.as_quat(scalar_first=True)))
-    for says, asked in menu(upright(own).motion):
+    some = menu(upright(own).motion)
+    assert len(some) == 6
+    for says, asked in some:
         there = as_logged(asked, own)
         assert there.end_q[0] == pytest.approx(own.motion.end_q[-1], abs=1e-9), says
         assert there.start_q[0] == pytest.approx(own.motion.start_q[-1], abs=1e-9), says

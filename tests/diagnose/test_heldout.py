@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from diagnose.test_diagnose import QUICK, made
+from formats import samples
 from scipy.spatial.transform import Rotation
 from sim.ropes import EI, GJ, GRAVITY, LEVEL, ROPE
 
-from dlolib.diagnose.diagnose import raw_study
-from dlolib.diagnose.heldout import Foretold, black_box, foretell
+from dlolib.diagnose.diagnose import FIRST_NOISE, raw_study
+from dlolib.diagnose.heldout import Foretold, _left, black_box, foretell
 from dlolib.diagnose.search import baseline
 from dlolib.diagnose.study import acting_only
 from dlolib.identify.identify import FIRST_STIFFNESS_M4_S2
@@ -44,6 +45,21 @@ def test_settled_poses_stay_so_when_some_are_held_out():
     study = raw_study([poses], replace(ALONE, heldout_share=0.25))
     assert all(isinstance(one.model, PosesModel) for one in (*study.seen, *study.ahead.values()))
     assert [len(np.unique(one.recording.points.frame)) for one in (*study.seen, study.ahead[0])] == [9, 3]
+
+
+def test_what_is_left_counts_in_deviations_of_the_noise():
+    """Points off by one deviation in each axis, in some frames by two: χ² of each frame, and distances."""
+    study = raw_study([replace(samples.recording(), obstacles=())], ALONE)
+    (seen,) = study.seen
+    frame = seen.recording.points.frame
+    far = frame == frame[-1]
+    left = _left(study, [FIRST_NOISE.sigma_m * np.outer(1.0 + far, np.ones(3))])
+    counts = np.unique(frame, return_counts=True)[1]
+    assert left.chi2 == pytest.approx(
+        3.0 * counts * np.where(np.arange(len(counts)) == len(counts) - 1, 4, 1)
+    )
+    assert left.distances_m == pytest.approx(np.sqrt(3) * FIRST_NOISE.sigma_m * (1.0 + far))
+    assert left.rmse_m == pytest.approx(np.sqrt(np.mean(left.distances_m**2)))
 
 
 def test_a_rope_in_flight_goes_on_in_the_heldout_frames():
