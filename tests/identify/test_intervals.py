@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from sim.test_recording import recording
 
-from dlolib.identify.intervals import BLOCKS, FEWEST_POSES, jackknife, poses
+from dlolib.identify.intervals import BLOCKS, FEWEST_POSES, blocks, jackknife, poses
 from dlolib.sim.recording import RecordingModel
 from dlolib.types import Floats, Motion, Points, Recording
 
@@ -49,6 +49,22 @@ def test_what_an_arm_did_before_the_first_frame_is_no_pose_that_was_seen() -> No
     model = with_motion(np.array([0.4, 0.0, 0.0]) + way)
     assert seen(model) == FEWEST_POSES
     assert seen(model, first_s=3.5) == 1
+
+
+def test_what_is_left_out_is_frames_or_where_few_poses_are_shown_stretches_of_the_rope() -> None:
+    still = with_motion(np.tile([0.4, 0.0, 0.0], (200, 1)))
+    points, length_m = still.recording.points, still.recording.rope.length_m
+    whole = replace(points, s_m=np.linspace(0.0, length_m, len(points.s_m)))
+    still = replace(still, recording=replace(still.recording, points=whole))
+    found = blocks(still, whole.s_m > 0.25 * length_m)
+    assert np.unique(found).tolist() == list(range(BLOCKS // 4, BLOCKS))
+    sizes = np.bincount(found)[BLOCKS // 4 :]
+    assert sizes.max() - sizes.min() <= 1
+    moved = with_motion(np.linspace([0.4, 0.0, 0.0], [0.4, 0.0, 0.05], 200))
+    frames = np.arange(3 * BLOCKS)
+    many = replace(points, frame=7 * frames, t_s=np.linspace(0, 6, len(frames)), s_m=0.1 + 0.0 * frames)
+    moved = replace(moved, recording=replace(moved.recording, points=many))
+    assert blocks(moved, frames >= 0).tolist() == (frames // 3).tolist()
 
 
 MOVED = np.linspace(0.0, 0.05, 50)[:, None] * np.array([0.0, 0.0, 1.0]) + [0.4, 0.0, 0.0]

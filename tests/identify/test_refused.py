@@ -1,6 +1,7 @@
 """Recordings from which no stiffness can be told are refused, not fitted."""
 
 from dataclasses import replace
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -65,6 +66,21 @@ def test_a_rope_that_was_seen_elsewhere_than_it_is_held() -> None:
     turned = replace(made.points, s_m=made.points.s_m - 0.01, xyz_m=made.points.xyz_m[::-1])
     with pytest.raises(ParameterError, match="made: the rope's start was seen .* mm from where it was held"):
         identify([replace(made, points=turned)], SETTINGS)
+
+
+def test_a_parameter_that_is_none_of_the_fit() -> None:
+    """How an end is rolled is fitted only where nobody recorded it."""
+    with pytest.raises(ParameterError, match="cannot fit end_twist.end here; choose from bending_stiffness"):
+        identify([recording()], replace(SETTINGS, parameters=("bending_stiffness", "end_twist.end")))
+
+
+def test_a_rope_that_tears_at_every_stiffness(monkeypatch: pytest.MonkeyPatch) -> None:
+    def torn(*_: Any) -> Any:
+        raise SimulationError("it would tear", mend="do not")
+
+    monkeypatch.setattr(import_module("dlolib.identify.identify"), "_solve", torn)
+    with pytest.raises(SimulationError, match="no stiffness could be simulated; check the recording's units"):
+        identify([recording()], SETTINGS)
 
 
 def test_all_frames_held_out() -> None:
