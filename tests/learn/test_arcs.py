@@ -58,3 +58,22 @@ def test_initial_weights_come_from_their_seed() -> None:
     first, again, other = (xavier(23, (7, 5), seed) for seed in (1, 1, 2))
     assert np.array_equal(first[0][0], again[0][0])
     assert not np.array_equal(first[0][0], other[0][0])
+
+
+def test_initial_weights_are_xaviers() -> None:
+    """Uniform within ±sqrt(6 / (in + out)), biases 0: Glorot and Bengio (2010), equation (16)."""
+    weights = xavier(200, (120, 80), 3)
+    assert [weight.shape for weight, _ in weights] == [(200, 120), (120, 80), (80, PARAMETERS)]
+    for weight, bias in weights:
+        limit = np.sqrt(6.0 / sum(weight.shape))
+        assert 0.97 * limit < np.abs(weight).max() <= limit
+        assert weight.std() == pytest.approx(limit / np.sqrt(3), rel=0.05)
+        assert not bias.any()
+
+
+@pytest.mark.parametrize("first_arc", [-0.75, 0.75])
+def test_the_first_arc_turns_at_that_share_of_its_bound_about_a_centre_between(first_arc: float) -> None:
+    weights = [(0 * weight, bias) for weight, bias in xavier(18 + PARAMETERS, (7, 5), 1, first_arc)]
+    policy = Policy(weights, np.array(TABLE_I_BOUNDS), np.zeros((6, 3)), 0.445)
+    found = policy.parameters(weights, np.ones((6, 3)), np.zeros(PARAMETERS))
+    assert found == pytest.approx([first_arc * TABLE_I_BOUNDS[0], 0.5, 0.0, 0.0, 0.0])

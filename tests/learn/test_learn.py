@@ -1,6 +1,7 @@
 """Algorithm 2 on the real rod: the gradient through all sub-trajectories, and that learning learns."""
 
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from dlolib.learn.train import Learner
 from dlolib.learn.write import result
 from dlolib.sim.rod import Rod
 from dlolib.sim.simulate import State
-from dlolib.types import Floats, Obstacle
+from dlolib.types import Floats, Layout, Obstacle
 
 LAYOUT = read_layout(Path("data/layouts/layout_2"))
 ROD = Rod(LAYOUT.rope, 3e-4, 3e-4)
@@ -136,6 +137,26 @@ def test_weights_whose_first_path_tears_the_rope_are_left_for_others() -> None:
     one = replace(few, starts=1)
     with pytest.raises(SimulationError, match="it would tear"):
         learn(LAYOUT, ROD, one, Torn(LAYOUT, ROD, one, 0.0))
+
+
+def test_each_initial_weights_are_tried_with_the_first_arc_on_either_side(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    tried: list[tuple[int, float]] = []
+
+    def torn(layout: Layout, rope: HeldRope, policy: Policy, settings: LearnSettings) -> Learner:
+        tried.append((settings.seed, settings.first_arc))
+        assert np.sign(policy.weights[-1][1][0]) == np.sign(settings.first_arc)
+        raise SimulationError("it would tear", mend="do not")
+
+    monkeypatch.setattr(import_module("dlolib.learn.learn"), "Learner", torn)
+    with pytest.raises(SimulationError, match="it would tear"):
+        learn(LAYOUT, ROD, replace(SMALL, seed=3, starts=5, first_arc=0.6))
+    assert tried == [(3, -0.6), (3, 0.6), (4, -0.6), (4, 0.6), (5, -0.6)]
+    tried.clear()
+    with pytest.raises(SimulationError, match="it would tear"):
+        learn(LAYOUT, ROD, replace(SMALL, seed=3, starts=2, first_arc=0.0))
+    assert tried == [(3, 0.0), (4, 0.0)]
 
 
 def test_the_iterations_of_every_start_are_counted() -> None:

@@ -105,6 +105,35 @@ def test_hyperbolic_laws_are_cubic_while_gentle_and_differ_beyond(cubic: float) 
     assert abs(strong / (EI * 25 * (1 + cubic * 625)) - 1) > 0.02
 
 
+def ours(name: str, path: Floats, step_s: Floats, *parameters: float) -> Floats:
+    """Moments over EI of our law of this name along a path of curvatures about the first axis."""
+    way = Way(np.stack([path, np.zeros(len(path))], axis=-1)[:, None], step_s, np.ones(1))
+    found = FORMS[name][1](way, *parameters)
+    assert not found[..., 1].any()
+    return found[:, 0, 0]
+
+
+@pytest.mark.parametrize("cubic", [1e-3, -1e-3])
+def test_our_nonlinear_law_is_cubic_while_gentle_and_odd(cubic: float) -> None:
+    path = np.array([1e-2, 0.5, 2.0, 25.0])
+    moments = ours("nonlinear_bending", path, np.ones(4), cubic)
+    np.testing.assert_allclose(moments[:3], (path * (1 + cubic * path**2))[:3], rtol=3e-5)
+    np.testing.assert_allclose(ours("nonlinear_bending", -path, np.ones(4), cubic), -moments)
+    # it never pushes, however far a soft rope is bent
+    assert moments[3] > 0 and (moments[3] < 25.0) == (cubic < 0)
+
+
+@pytest.mark.parametrize("steps", [1, 40])
+def test_our_viscoelastic_law_is_exact_of_what_is_bent_evenly(steps: int) -> None:
+    """Bent at 2 /m in each second a Maxwell element of 3 s, 0.4 as stiff, carries 2.4 (1 - exp(-t / 3))."""
+    step_s = np.full(steps, 5.0 / steps)
+    moments = ours("viscoelastic_bending", 2.0 * np.cumsum(step_s), step_s, 0.4, 3.0)
+    np.testing.assert_allclose(moments, 2.4 * -np.expm1(-np.cumsum(step_s) / 3.0), rtol=1e-9)
+    # bent at once it has all of it, and lets go in time
+    held = ours("viscoelastic_bending", np.full(3, 10.0), np.array([0.0, 3.0, 6.0]), 0.4, 3.0)
+    np.testing.assert_allclose(held, 4.0 * np.exp([0.0, -1.0, -3.0]), rtol=1e-9)
+
+
 PLANTED = {
     "plastic_bending": {"yield_curvature": 8.0, "hardening_ratio": 0.2},
     "internal_friction": {"saturation_curvature": 1.5, "transition_curvature": 3.0},
