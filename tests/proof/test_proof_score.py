@@ -111,6 +111,14 @@ def test_the_summary_counts() -> None:
     assert {"true": CLOCK, "said": "no_mismatch", "count": 1} in figures["confusion"]
 
 
+def test_a_row_says_what_was_true_and_what_was_said() -> None:
+    row = score(verdict("ambiguous", SPOT, tie=((SPOT,), (LUMP,))), answer(LUMP))
+    assert (row["true"], row["status"], row["named"]) == ([LUMP], "ambiguous", [SPOT])
+    assert (row["tie"], row["outcome"]) == ([[SPOT], [LUMP]], "tied")
+    failed = score(None, answer(LUMP))
+    assert (failed["status"], failed["named"], failed["tie"], failed["outcome"]) == (None, [], [], "failed")
+
+
 def test_what_is_left_of_a_bias_is_told_by_its_size() -> None:
     row = score(verdict("explained", LUMP), answer(LUMP))
     errors = [(-0.005, 0.005), (0.03, 0.006), (-0.07, 0.007), (0.2, -0.01)]

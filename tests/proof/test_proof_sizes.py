@@ -1,6 +1,8 @@
 """The sizes that count as found: a gain near 40 in the plain motion of data/practice."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from dlolib.proof.gain import gain
 from dlolib.proof.motions import Arc, Plan, make_motion
 from dlolib.proof.place import find_place
 from dlolib.proof.play import play
-from dlolib.proof.sizes import NAMES, draw_effect
+from dlolib.proof.sizes import FLATTEST, FOUND, LARGEST, NAMES, SMALLEST, draw_effect
 from dlolib.proof.world import Experiment
 from dlolib.types import Noise, Obstacle
 
@@ -23,6 +25,52 @@ GIVEN = (
     "rest_curvature", "internal_friction", "viscoelastic_bending", "stiffness_profile", "mass_profile",
     "end_angle", "lateral_load",
 )  # fmt: skip
+
+
+# How large what was drawn is, as `FOUND` counts it.
+LARGE = {
+    "rest_curvature": lambda v: np.hypot(v["kappa_1"], v["kappa_2"]),
+    "internal_friction": lambda v: v["saturation_curvature"],
+    "viscoelastic_bending": lambda v: v["modulus_ratio"],
+    "stiffness_profile": lambda v: abs(np.log(v["factor"])),
+    "end_angle": lambda v: np.hypot(*v.values()),
+    "plastic_bending": lambda v: 1.25 * 9.0 / v["yield_curvature"] - 1.0,
+    "nonlinear_bending": lambda v: abs(v["cubic"]),
+    "axial_stretch": lambda v: 1 / v["axial_stiffness"],
+    "end_compliance": lambda v: 1 / sum(v.values()),
+    "end_twist": lambda v: abs(sum(v.values())),
+    "anisotropic_bending": lambda v: abs(np.log(v["stiffness_ratio"])),
+}
+
+
+@pytest.mark.parametrize("name", LARGE)
+def test_what_is_drawn_is_as_large_as_was_asked_for(name: str) -> None:
+    place = cast(Any, SimpleNamespace(length_m=0.445, most_curvature_1_m=9.0))
+    rng = np.random.default_rng(0)
+    asked = [draw_effect(rng, name, place, 1.5)[name] for _ in range(60)]
+    np.testing.assert_allclose([LARGE[name](values) for values in asked], 1.5 * FOUND[name], rtol=1e-9)
+    logs = np.log([LARGE[name](draw_effect(rng, name, place)[name]) / FOUND[name] for _ in range(400)])
+    low, high = np.log(SMALLEST), np.log(LARGEST)
+    if name == "anisotropic_bending":  # no cable is flatter
+        high = np.log(FLATTEST / FOUND[name])
+        assert 0.1 < np.mean(np.isclose(logs, high)) < 0.5
+    assert low <= logs.min() < low + 0.1 and high - 0.1 < logs.max() <= high + 1e-9
+
+
+UPWARDS = {
+    "nonlinear_bending": lambda v: v["cubic"] > 0,
+    "anisotropic_bending": lambda v: v["stiffness_ratio"] > 1,
+    "end_twist": lambda v: sum(v.values()) > 0,
+    "stiffness_profile": lambda v: v["factor"] > 1,
+}
+
+
+@pytest.mark.parametrize("name", UPWARDS)
+def test_what_has_two_signs_is_drawn_with_both(name: str) -> None:
+    """As often; but for three soft spots for one splice."""
+    place, rng = cast(Any, SimpleNamespace(length_m=0.445)), np.random.default_rng(1)
+    upwards = [UPWARDS[name](draw_effect(rng, name, place, 1.0)[name]) for _ in range(300)]
+    assert np.mean(upwards) == pytest.approx(0.25 if name == "stiffness_profile" else 0.5, abs=0.08)
 
 
 @pytest.mark.slow
