@@ -21,6 +21,8 @@ UNKNOWN_WIDTH_PX, LARGEST_WINDOW_PX = 12.0, 255
 LEAST_DIFFERENCE, LEAST_PX = 12.0, 20
 WEAK = 0.5
 RING_PX, EDGE_PX = 9, 5
+# As much as this share of the rope is no speck; depths are counted in every so many rows and columns.
+NEAREST_SHARE, COUNTED_EVERY = 0.1, 2
 # A channel in which the rope differs by less of the whole difference may be saturated.
 SATURATED, LEAST_WEIGHT = 255, 0.1
 
@@ -125,12 +127,21 @@ def _otsu(difference: NDArray[np.uint8]) -> float:
 
 
 def _width_px(frame: Frame, index: CaptureIndex) -> float:
-    """How wide the rope may look: at the nearest things that there are, so not too narrow."""
+    """How wide the rope may look [px]: at the nearest things that there are, so not too narrow.
+
+    A thin rope before a wall is a hundredth of the image. So what is nearest is counted in ropes: at which
+    depth there is a tenth of what the rope would cover there.
+    """
     diameter, focal = index.rope.diameter_m, index.camera.fx
-    if diameter is None or focal is None or frame.depth_m is None or not frame.depth_m.any():
+    if diameter is None or focal is None or frame.depth_m is None:
         return UNKNOWN_WIDTH_PX
-    near = float(np.percentile(frame.depth_m[frame.depth_m > 0], 5))
-    return max(diameter * focal / near, 2.0)
+    some = frame.depth_m[::COUNTED_EVERY, ::COUNTED_EVERY]
+    depth = np.sort(some[some > 0])
+    if not len(depth):
+        return UNKNOWN_WIDTH_PX
+    area_m2 = COUNTED_EVERY**2 * np.arange(1, len(depth) + 1) * (depth / focal) ** 2
+    enough = int(np.searchsorted(area_m2, NEAREST_SHARE * index.rope.length_m * diameter))
+    return max(diameter * focal / float(depth[min(enough, len(depth) - 1)]), 2.0)
 
 
 def _empty_color(path: Path, camera: Camera) -> Image:

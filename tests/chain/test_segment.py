@@ -50,6 +50,18 @@ def test_a_white_rope_on_a_table_in_uneven_light(table: tuple[int, int, int], wa
     assert rms(*seen(table), ChainSettings(segmentation=way)) < 1e-3
 
 
+def far_wall() -> tuple[Frame, CaptureIndex]:
+    """A rope close to the camera, and the wall a metre behind it."""
+    near = Scene(camera_m=(0.2, -0.4, -0.02), plate_y_m=1.0)
+    color, depth = photograph(AXIS, near)
+    frame = Frame(0, 0.0, NOWHERE, color=color, depth_m=depth.astype(np.float32) / 1000)
+    return frame, index_of(NOWHERE, [AXIS], near)
+
+
+def test_a_rope_far_before_a_wall_is_as_wide_as_it_is_near() -> None:
+    assert rms(*far_wall(), ChainSettings(segmentation="local")) < 0.8e-3
+
+
 def overexposed(rope: tuple[int, ...], table: tuple[int, ...], share: float = 1.0) -> Frame:
     """A dark rope on a table whose light is too much for the camera over that share of the image's width."""
     frame, _ = seen()
