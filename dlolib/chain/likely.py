@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 
 from dlolib.captures.base import Frame, Mask
 from dlolib.chain.anchor import anchors
+from dlolib.chain.cleaning import window_of
 from dlolib.types import CaptureIndex
 
 # Share of the rope's outline, length times diameter, that a mask may have and be a rope of this size.
@@ -31,11 +33,20 @@ def must_be(mask: Mask, frame: Frame, index: CaptureIndex) -> bool:
 
 
 def share_of_rope(mask: Mask, frame: Frame, index: CaptureIndex) -> float:
-    """The mask's area, at its own distance, over the rope's outline's; 0 where it cannot be the rope."""
+    """The mask's area, at its own distance, over the rope's outline's; 0 where it cannot be the rope.
+
+    At its outline a pixel may read what is behind, which before a far wall makes many times its own area: of
+    what is read beside it the nearest counts.
+    """
     focal, diameter = index.camera.fx, index.rope.diameter_m
     if diameter is None or focal is None or frame.depth_m is None:
         return float(0 < mask.mean() < MOST_OF_IMAGE)
-    depth = frame.depth_m[mask]
+    if not mask.any():
+        return 0.0
+    window = window_of(np.ascontiguousarray(mask))
+    read = frame.depth_m[window]
+    nearest = cv2.erode(np.where(read > 0, read, np.float32(np.inf)), np.ones((3, 3), np.uint8))
+    depth = nearest[mask[window] & (read > 0)].astype(np.float64)
     area = float(((depth / focal) ** 2).sum()) / (index.rope.length_m * diameter)
     return area if LEAST_AREA < area < MOST_AREA else 0.0
 

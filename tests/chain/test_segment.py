@@ -14,7 +14,7 @@ from dlolib.captures.base import Frame
 from dlolib.chain import ChainSettings, chain_frame
 from dlolib.chain.contrast import rope_levels
 from dlolib.chain.extract import LEAST_WIDE, MOST_WIDE
-from dlolib.chain.likely import share_of_rope
+from dlolib.chain.likely import MORE_THAN_ROPE, share_of_rope
 from dlolib.chain.segment import segment
 from dlolib.errors import ChainError, ParameterError
 from dlolib.types import CaptureIndex, Obstacle
@@ -60,6 +60,14 @@ def far_wall() -> tuple[Frame, CaptureIndex]:
 
 def test_a_rope_far_before_a_wall_is_as_wide_as_it_is_near() -> None:
     assert rms(*far_wall(), ChainSettings(segmentation="local")) < 0.8e-3
+
+
+def test_what_an_outline_reads_of_a_far_wall_is_not_as_much_rope() -> None:
+    frame, index = far_wall()
+    mask = np.asarray(frame.color[..., 0] > 110)
+    assert frame.depth_m is not None
+    frame.depth_m[mask & (cv2.erode(mask.astype(np.uint8), np.ones((3, 3))) == 0)] = 1.4
+    assert 0.9 < share_of_rope(mask, frame, index) < MORE_THAN_ROPE
 
 
 def overexposed(rope: tuple[int, ...], table: tuple[int, ...], share: float = 1.0) -> Frame:
