@@ -21,7 +21,7 @@ class ChainSettings:
     min_contrast: how much brighter than the rest the rope must be on average, in grey levels, before
         Otsu's threshold is believed.
     background_levels: from this difference on a pixel differs from the empty scene, in levels of 255.
-    background_depth_m: from so much nearer on a pixel is nearer than the empty scene.
+    background_depth_m: from so much nearer on a pixel is nearer than the empty scene, where noise is less.
     edge_px: over how many pixels a depth reading is a mean; so far inside the outline it mixes with what
         is behind, and deeper in still with how round the rope is.
     smooth_m: half of the shortest wave that depth may show along the rope; noise below it goes.

@@ -50,9 +50,9 @@ def test_a_white_rope_on_a_table_in_uneven_light(table: tuple[int, int, int], wa
     assert rms(*seen(table), ChainSettings(segmentation=way)) < 1e-3
 
 
-def far_wall() -> tuple[Frame, CaptureIndex]:
-    """A rope close to the camera, and the wall a metre behind it."""
-    near = Scene(camera_m=(0.2, -0.4, -0.02), plate_y_m=1.0)
+def far_wall(behind_m: float = 1.0) -> tuple[Frame, CaptureIndex]:
+    """A rope close to the camera, and a wall so far behind it."""
+    near = Scene(camera_m=(0.2, -0.4, -0.02), plate_y_m=behind_m)
     color, depth = photograph(AXIS, near)
     frame = Frame(0, 0.0, NOWHERE, color=color, depth_m=depth.astype(np.float32) / 1000)
     return frame, index_of(NOWHERE, [AXIS], near)
@@ -248,6 +248,14 @@ def test_what_differs_from_the_empty_scene(what: str, tmp_path: Path) -> None:
     if what != "color":
         index = replace(index, background_depth=tmp_path / "depth.png")
     assert rms(replace(frame, color=color), index, ChainSettings()) < 1.2e-3
+
+
+def test_a_rope_is_nearer_than_a_wall_whose_noise_is_as_much_as_the_rope_is_thick(tmp_path: Path) -> None:
+    frame, index = far_wall(1.6)
+    assert frame.depth_m is not None
+    noise = np.random.default_rng(9).normal(0, 8e-4 * (2.0 / 0.7) ** 2, frame.depth_m.shape)
+    cv2.imwrite(str(tmp_path / "depth.png"), np.rint(1000 * (2.0 + noise)).astype(np.uint16))
+    assert rms(frame, replace(index, background_depth=tmp_path / "depth.png"), ChainSettings()) < 0.8e-3
 
 
 def test_a_red_rope_on_both_sides_of_hue_0() -> None:
