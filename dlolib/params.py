@@ -367,7 +367,7 @@ def _refusal(error: ValidationError, block: type[Block], path: Path, above: Keys
     given = f" (it is {found['input']!r})" if isinstance(found["input"], int | float | str) else ""
     number = isinstance(found["input"], str) and found["type"] in ("float_type", "int_type")
     mend = (
-        "give a number without quotes, with a point before an exponent (1.0e-4)"
+        "give a number without quotes, with a point before an exponent and a sign in it (1.0e-4, 1.0e+4)"
         if number
         else "correct the value"
     )

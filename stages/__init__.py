@@ -16,6 +16,7 @@ os.environ["MPLBACKEND"] = "Agg"
 from dlolib.errors import DloError, ParameterError  # noqa: E402  (after the variables that NumPy reads when it loads)
 from dlolib.files import write_json  # noqa: E402
 
+INTERRUPTED = 130
 LABORATORY = "lab"
 CAPTURED = "captured"
 # Beside what was learned with a verdict: the same without it.
@@ -25,7 +26,7 @@ REPORTS = Path("reports")
 
 
 def run(stage: Callable[..., None], *arguments: str) -> None:
-    """Run a stage; unusable input is one line on standard error and exit status 2."""
+    """Run a stage; unusable input is one line on standard error and exit status 2, Ctrl-C status 130."""
     try:
         stage(*arguments)
     except DloError as error:
@@ -35,6 +36,8 @@ def run(stage: Callable[..., None], *arguments: str) -> None:
         where = error.filename or stage.__module__
         print(f"{where}: {error.strerror}; correct the path or its permissions", file=sys.stderr)
         raise SystemExit(2) from None
+    except KeyboardInterrupt:
+        raise SystemExit(INTERRUPTED) from None
 
 
 def known(given: Sequence[str], names: Iterable[str], what: str) -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from dlolib.errors import ParameterError
 from dlolib.params import load
-from stages import check
+from stages import check, run
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -65,3 +65,12 @@ def test_what_is_not_there_is_said_before_the_pipeline_runs(
             folder.parent.mkdir(parents=True, exist_ok=True)
             folder.with_name(f"{folder.name}.dvc").touch()
         check.main()
+
+
+def test_ctrl_c_ends_a_stage_without_a_traceback() -> None:
+    def stage() -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(SystemExit) as ended:
+        run(stage)
+    assert ended.value.code == 130

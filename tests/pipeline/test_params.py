@@ -55,6 +55,7 @@ def test_the_committed_file_is_good() -> None:
         ("length_m: 0.445", "length_m: 445", "lab.rope.length_m: should be less than or equal to 5 (it"),
         ("length_m: 0.445", "length_m: long", "lab.rope.length_m: should be a valid number (it is 'long')"),
         ("rate: 0.002 ", "rate: 1e-3 ", "with a point before an exponent"),
+        ("drag_1_s: 2.0", "drag_1_s: 1.0e9", "and a sign in it (1.0e-4, 1.0e+4)"),
         ("smooth_m: 0.03", "smooth_m: .nan", "chain.smooth_m: should be a finite number (it is nan)"),
         ("particles: 30", "particles: 30.5", "rod.particles: should be a valid integer"),
         ("law: plastic", "law: rubber", "should be 'plastic' or 'elastic' (it is 'rubber')"),
