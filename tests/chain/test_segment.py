@@ -15,7 +15,7 @@ from dlolib.chain import ChainSettings, chain_frame
 from dlolib.chain.contrast import rope_levels
 from dlolib.chain.extract import LEAST_WIDE, MOST_WIDE
 from dlolib.chain.likely import MORE_THAN_ROPE, share_of_rope
-from dlolib.chain.segment import segment
+from dlolib.chain.segment import PLATEAU, Segmentation, coverage, segment
 from dlolib.errors import ChainError, ParameterError
 from dlolib.types import CaptureIndex, Obstacle
 
@@ -291,3 +291,26 @@ def test_a_choice_that_the_capture_cannot_serve_names_the_mend() -> None:
             segment(frame, index, ChainSettings(segmentation=way))
     with pytest.raises(ParameterError, match="auto, threshold, local, color, background, mask"):
         ChainSettings(segmentation="magic")
+
+
+@pytest.mark.parametrize("shade", [1.0, 0.6])
+def test_a_pixel_on_the_outline_counts_by_how_bright_it_is_beside_the_rope(shade: float) -> None:
+    """Half covered it is half as bright; on the rope's side in the shade, too."""
+    levels = np.full((40, 60), 20.0, np.float32)
+    levels[10:15] = 20 + 180 * shade
+    levels[[9, 15]] = 20 + 90 * shade
+    mask = levels > 20
+    found = coverage(Segmentation(mask, levels))
+    assert not found[~mask].any() and (found[10:15] == 1).all()
+    assert found[9] == pytest.approx(np.full(60, 0.5 / PLATEAU)) and found[15] == pytest.approx(found[9])
+    levels[~mask] = np.inf
+    np.testing.assert_array_equal(coverage(Segmentation(mask, levels)), mask)
+
+
+def test_what_is_as_bright_as_the_camera_tells_may_be_brighter() -> None:
+    frame, index = seen(level=255)
+    levels = segment(frame, index, ChainSettings(segmentation="threshold")).levels
+    assert levels is not None and frame.color is not None
+    grey = cv2.cvtColor(frame.color, cv2.COLOR_RGB2GRAY)
+    assert (grey == 255).any() and np.isinf(levels[grey == 255]).all()
+    np.testing.assert_array_equal(levels[grey < 255], grey[grey < 255])
