@@ -71,6 +71,25 @@ def test_ends_that_touch_are_brought_no_nearer() -> None:
     assert not any("nearer" in says for says, _ in menu(touching))
 
 
+@pytest.mark.parametrize("rate_rad_s", [0.0, 0.5 * ROLL_RAD_S, 3.0 * ROLL_RAD_S])
+def test_an_arc_lasts_as_long_as_it_did_however_fast_the_end_turned_on_it(rate_rad_s: float) -> None:
+    """Evenly out in 4 s and turning all the while: back and out again on the opposite side takes 8 s."""
+    t_s = np.linspace(0.0, 4.0, 41)
+    end_m = np.array([0.4, 0.0, 0.0]) + np.outer(t_s, [0.0, 0.02, 0.01])
+    turns = Rotation.from_quat(MOTION.end_q[0], scalar_first=True) * Rotation.from_rotvec(
+        np.outer(rate_rad_s * t_s, [0.0, 0.0, 1.0])
+    )
+    held = np.tile(MOTION.start_q[0], (41, 1))
+    lasts = {
+        says: asked.t_s[-1]
+        for says, asked in menu(Motion(t_s, np.zeros((41, 3)), held, end_m, turns.as_quat(scalar_first=True)))
+    }
+    (opposite,) = (seconds for says, seconds in lasts.items() if "opposite" in says)
+    (quick,) = (seconds for says, seconds in lasts.items() if "three times as fast" in says)
+    (slow,) = (seconds for says, seconds in lasts.items() if "a third as fast" in says)
+    assert (opposite, quick, slow) == pytest.approx((8.0, 8.0 / QUICKER, 8.0 * QUICKER), rel=1e-6)
+
+
 def test_an_end_that_only_shakes_goes_no_slower_for_that() -> None:
     shaken = 1e-5 * np.random.default_rng(0).normal(size=MOTION.end_m.shape)
     some = menu(replace(MOTION, end_m=MOTION.end_m[0] + shaken))
