@@ -10,6 +10,7 @@ from dlolib.diagnose.decide import OFF
 from dlolib.diagnose.estimates import Z95, Alternatives, estimates
 from dlolib.diagnose.fitting import Fitted
 from dlolib.diagnose.modes import SLOWER
+from dlolib.diagnose.say import _frames
 from dlolib.diagnose.whitening import ModesOfNoise
 from dlolib.identify.parameters import Unknown
 
@@ -109,3 +110,9 @@ def test_a_law_may_have_moved_what_its_form_may_leave():
     # what is no law of bending is as it is said
     low, high = interval(LUMP, "bending_stiffness", base=base)
     assert np.log(high / 3e-4) == pytest.approx(0.01 * Z95, rel=0.05)
+
+
+def test_the_frames_of_a_place_are_those_seen_then() -> None:
+    points = SimpleNamespace(frame=np.array([4, 4, 5, 6, 7]), t_s=np.array([1.0, 1.0, 2.0, 3.0, 4.0]))
+    one = SimpleNamespace(recording=SimpleNamespace(points=points))
+    assert _frames(one, 1.5, 3.0).tolist() == [5, 6] and not len(_frames(one, 4.5, 9.0))

@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 from dlolib.errors import MotionRefused
 from dlolib.execute import Limits, RobotConfig, check_path, path_in_base
 from dlolib.execute.path import check_samples, sampled, tool_vectors, turn_as_stored
-from dlolib.types import Motion
+from dlolib.execute.surroundings import Surroundings
+from dlolib.types import Motion, Obstacle
 
 from .conftest import FIRST_M, TURN, arc
 
@@ -164,3 +165,18 @@ def test_a_free_end_or_a_single_row_is_no_path() -> None:
     one = Motion(*(value[:1] for value in vars(arc()).values()))
     with pytest.raises(MotionRefused, match="fewer than two rows"):
         path_in_base(one, RobotConfig())
+
+
+def test_the_held_end_enters_an_obstacle_by_the_ropes_radius_where_robot_and_grasp_stand_so() -> None:
+    """A sphere of 30 mm at the world's x = 0.3; the tool comes along its x, the grasp 0.15 m ahead."""
+    sphere = Obstacle("sphere", {"center_m": (0.3, 0.0, 0.2), "radius_m": (0.03,)})
+    around = Surroundings((sphere,), 0.004, QUARTER, GRASP)
+    tool_x_m = np.array([0.0, 0.1, 0.115, 0.117, 0.12])
+    turned = Rotation.from_matrix(np.array(QUARTER)[:3, :3]) * Rotation.from_rotvec([0.0, np.pi / 2, 0.0])
+    world = np.stack([tool_x_m, 0 * tool_x_m, 0 * tool_x_m + 0.2], axis=1)
+    base = world @ np.array(QUARTER)[:3, :3].T + np.array(QUARTER)[:3, 3]
+    poses = np.hstack([base, np.tile(turned.as_rotvec(), (5, 1))])
+    # 0.3 - 0.15 - 0.034 = 0.116 m is as far as the tool may come
+    assert around.entered(poses[:3]) is None
+    assert around.entered(poses) == (3, "the held end would go 4.0 mm into obstacle 0 (sphere)")
+    assert Surroundings.read(around.content()) == around
