@@ -8,7 +8,6 @@ once, reports/sealed/<name>/verdict.json, with the commit that made it beside it
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,6 +15,7 @@ from typing import Any
 
 from dlolib.errors import ParameterError
 from dlolib.files import whole_folder, write_json
+from dlolib.proof import book
 from dlolib.proof.score import named
 from stages import REPORTS, run
 from stages.proof import diagnose, made_by, own_folder
@@ -73,11 +73,7 @@ def _inside(estimate: Mapping[str, Any] | None, true: float) -> dict[str, Any]:
 
 def sealed(folders: list[Path]) -> None:
     """Make the verdicts that are not made yet, from a tree without changes."""
-    changed = subprocess.run(
-        ["git", "status", "--porcelain", "dlolib", "params.yaml"], capture_output=True, text=True, check=True
-    ).stdout
-    if changed:
-        raise ParameterError("dlolib has changes", mend="commit them: a sealed verdict names what made it")
+    book.committed()
     for folder in folders:
         out = REPORTS / "sealed" / folder.name
         if out.exists():

@@ -57,6 +57,7 @@ def main(*arguments: str) -> None:
         found = without(asked.command, asked.without)
         write_json(BOOK / "without.json", made_by("make proof-without") | found)
         return
+    book.committed()
     for _ in range(asked.shards):
         shard = unfinished() or begin(asked.size)
         finish(shard, asked.command)

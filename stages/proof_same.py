@@ -47,9 +47,8 @@ def main(*arguments: str) -> None:
     options.add_argument("shard", help="a scored one of the version that counts, with its verdicts' hashes")
     options.add_argument("--command", default=COMMAND, help="what diagnoses, as in stages.proof")
     asked = options.parse_args(arguments)
+    book.committed()
     made = made_by(f"make proof-same SHARD={asked.shard}")
-    if made["version"].endswith("+changes"):
-        raise ParameterError("what diagnoses has changes that are in no commit", mend="commit them first")
     ((_, scored),) = last_shards([asked.shard]).values()
     known = {name: row.get("verdict_sha256", "") for name, row in scored.items()}
     if "" in known.values():

@@ -100,6 +100,17 @@ def compared(book: Path) -> list[dict[str, Any]]:
     return list(json.loads(path.read_text())["compared"]) if path.exists() else []
 
 
+def committed() -> None:
+    """Go on only where the code is that of the commit which a row or a result is about to name.
+
+    Raises:
+        ParameterError: it has changes that are in no commit.
+    """
+    if _git("status", "--porcelain", "--", "dlolib", "stages", "params.yaml"):
+        problem = "dlolib, stages or params.yaml has changes that are in no commit"
+        raise ParameterError(problem, mend="commit them first: what is found names the commit that made it")
+
+
 def commit() -> str:
     """The commit that is checked out."""
     return _git("rev-parse", "HEAD")

@@ -93,7 +93,7 @@ def test_a_sealed_verdict_is_made_once(folder: Path) -> None:
 
 def test_a_changed_tree_seals_nothing(folder: Path) -> None:
     Path("dlolib/diagnose/diagnose.py").write_text("changed = True\n")
-    with pytest.raises(ParameterError, match="dlolib has changes"):
+    with pytest.raises(ParameterError, match="commit them first"):
         concealed.main("sealed", str(folder))
     assert not Path("reports/sealed").exists()
 

@@ -133,6 +133,15 @@ def test_a_shard_that_another_version_began_to_diagnose_is_aborted(
     assert json.loads(Path("reports/proof/summary.json").read_text())["shards"] == [second["shard"]]
 
 
+def test_code_that_is_in_no_commit_begins_no_shard(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its row would name a commit that does not diagnose so, and one begun before would be aborted."""
+    interrupted(command, monkeypatch)
+    Path("dlolib/diagnose/diagnose.py").write_text("changed = True\n")
+    with pytest.raises(ParameterError, match="commit them first"):
+        proof.main("--size", "1", "--command", command)
+    assert [row["state"] for row in rows()] == ["diagnosing"]
+
+
 def test_changed_answers_are_refused(command: str) -> None:
     proof.main("--size", "1", "--command", command)
     (row,) = rows()
