@@ -70,24 +70,27 @@ class JenkinStack:
 
     Args:
         stiffness: of the elements [N m²], shape (E, J, 2).
-        limit: of the norm of their moments [N m], shape (E,).
+        limit: of the norm of their moments [N m], shape (E, 1) or (E, J).
         rest: the curvature without moment at the beginning [1/m], shape (2,).
+        width: what an axis may carry over the first one, shape (J, 2): it divides the moment in that norm.
     """
 
-    def __init__(self, stiffness: Floats, limit: Floats, rest: Floats | float = 0.0) -> None:
-        self.stiffness, self.limit = stiffness, limit[:, None, None]
+    def __init__(
+        self, stiffness: Floats, limit: Floats, rest: Floats | float = 0.0, width: Floats | float = 1.0
+    ) -> None:
+        self.stiffness, self.limit, self.width = stiffness, limit[:, :, None], width
         self.carried = np.zeros_like(stiffness)
         self.before = np.zeros(stiffness.shape[1:]) + rest
 
     def _slide(self, curvature: Floats) -> tuple[Floats, Floats, Floats]:
         trial = self.carried + self.stiffness * (curvature - self.before)
-        size = np.linalg.norm(trial, axis=2, keepdims=True)
+        size = np.linalg.norm(trial / self.width, axis=2, keepdims=True)
         return trial, size, np.minimum(1.0, self.limit / np.maximum(size, TINY))
 
     def moments(self, curvature: Floats, step_s: float) -> tuple[Floats, Floats]:
         trial, size, share = self._slide(curvature)
         unit = np.where(share < 1, trial / np.maximum(size, TINY), 0.0)
-        form = share[..., None] * (EYE - unit[..., :, None] * unit[..., None, :])
+        form = share[..., None] * (EYE - unit[..., :, None] * (unit / self.width**2)[..., None, :])
         slopes = form * self.stiffness[:, :, None, :]
         return (trial * share).sum(axis=0), slopes.sum(axis=0)
 
@@ -140,18 +143,22 @@ def yielding(
 ) -> JenkinStack:
     """What replaces the elastic part EI κ past a smooth yield, hardening kinematically by the ratio H.
 
-    All sliders gone, what is left is the spring EI H / (1 + H), here a slider that never lets go.
+    All sliders gone, what is left is the joint's spring in series with that of the hardening, which counts
+    with the rope's uniform EI: EI H / (1 + H) where the joint is as stiff, here a slider that never lets go.
 
     Args:
         stiffness: EI of the joints [N m²], shape (J, 2).
-        uniform: the EI that the yield moment counts with [N m²].
+        uniform: the EI that the yield moment and the hardening count with [N m²].
         yield_1_m: κy [1/m].
         hardening: H.
         rest: κ0 [1/m], shape (2,).
     """
-    shares = np.append(YIELD_SHARE / (1 + hardening), hardening / (1 + hardening))
-    limits = np.append(YIELD_SHARE * YIELD_SPREAD * uniform * yield_1_m / (1 + hardening), np.inf)
-    return JenkinStack(shares[:, None, None] * stiffness, limits, rest)
+    local, moments = stiffness / uniform, YIELD_SHARE * YIELD_SPREAD * uniform * yield_1_m
+    slides, never = local / (local + hardening), hardening / (local + hardening)
+    shares = np.concatenate([YIELD_SHARE[:, None, None] * local / (local + hardening), never[None]])
+    limits = moments[:, None] * local[:, 0] / (local[:, 0] + hardening)
+    limits = np.concatenate([limits, np.full((1, len(local)), np.inf)])
+    return JenkinStack(shares * stiffness, limits, rest, slides / slides[:, :1])
 
 
 def rubbing(uniform: float, saturation_1_m: float, transition_1_m: float, joints: int) -> JenkinStack:
@@ -173,7 +180,8 @@ def rubbing(uniform: float, saturation_1_m: float, transition_1_m: float, joints
     weight = -np.diff(slopes)
     stiffness = uniform * saturation_1_m / transition_1_m * weight
     limits = stiffness * RELEASES * transition_1_m
-    return JenkinStack(np.broadcast_to(stiffness[:, None, None], (len(weight), joints, 2)).copy(), limits)
+    everywhere = np.broadcast_to(stiffness[:, None, None], (len(weight), joints, 2)).copy()
+    return JenkinStack(everywhere, limits[:, None])
 
 
 def creeping(stiffness: Floats, ratio: float, time_s: float) -> Spectrum:

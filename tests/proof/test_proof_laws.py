@@ -32,6 +32,7 @@ def loop_work(law: Law, most: float) -> float:
 
 LAWS = {
     "yielding": lambda: yielding(UNIFORM, EI, 8.0, 0.2),
+    "yielding, flat": lambda: yielding(UNIFORM * [1.0, 1.7], EI, 8.0, 0.2),
     "rubbing": lambda: rubbing(EI, 1.5, 3.0, 1),
     "creeping": lambda: creeping(UNIFORM, 0.4, 6.0),
 }
@@ -67,6 +68,20 @@ def test_yield_is_a_rounded_bilinear_law() -> None:
     assert moments[0] == pytest.approx(5 * EI)
     assert (moments[2] - moments[1]) / 2 == pytest.approx(EI * 0.2 / 1.2)
     assert moments[1] == pytest.approx((8 + 4 * 0.2 / 1.2) * EI)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("local", [0.4, 2.5])
+def test_yield_and_hardening_count_with_the_uniform_stiffness(local: float, axis: int) -> None:
+    """formats.md: EI κy and H EI κp take the uniform EI, whatever the joint's own in a soft spot or about
+    the second axis; its own is in series with the hardening's."""
+    stiffness = UNIFORM.copy()
+    stiffness[:, axis] *= local
+    bends = np.eye(2)[axis] * np.array([[5.0 / local], [38.0], [40.0]])
+    moments = [yielding(stiffness, EI, 8.0, 0.2).moments(bend[None], 0.1)[0][0, axis] for bend in bends]
+    assert moments[0] == pytest.approx(5.0 * EI)
+    assert (moments[2] - moments[1]) / 2 == pytest.approx(EI * 0.2 * local / (0.2 + local))
+    assert moments[2] == pytest.approx(EI * (40.0 * 0.2 + 8.0) * local / (0.2 + local))
 
 
 def test_yield_is_a_norm_over_both_axes() -> None:
