@@ -21,6 +21,7 @@ from dlolib.chain.order import in_order, unordered_m
 from dlolib.chain.segment import coverage, segment
 from dlolib.chain.settings import ChainSettings
 from dlolib.chain.skeleton import centre_lines
+from dlolib.chain.tip import without_caps
 from dlolib.chain.uncertainty import covariances
 from dlolib.chain.view import View
 from dlolib.errors import ChainError
@@ -100,6 +101,7 @@ def chain_frame(
     tips = _world(np.array([strands[0].points_m[0], strands[-1].points_m[-1]]), index)
     if start is None and end is None and _starts_at_the_other(tips, previous):
         strands, tips = [strand.turned() for strand in strands[::-1]], tips[::-1]
+    strands = without_caps(strands, start, end, view, index.rope.radius_m)
     axis = assemble(strands, start, end, index.rope.length_m, settings.bridge_m, settings.smooth_m)
     held = (start is not None) + (end is not None)
     whole = index.rope.length_m if axis.fitted or held else float(axis.s_m[-1])
