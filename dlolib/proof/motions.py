@@ -17,16 +17,17 @@ FIRST_REACH, APPROACH_ROWS, APPROACH_STEP_S = 0.98, 30, 0.2
 STATIC_FRAMES, MAIN_FRAMES, HELDOUT_FRAMES = 30, 60, 24
 STATIC_STEP_S, HOLD_STEP_S, HOLD_ROWS = 0.05, 1 / 3, 60
 ARC_ROWS, ROLL_ROWS = 400, 240
+# How long the gripper takes to its full speed, and from it to rest [s].
+RAMP_S = 0.2
 KINDS = ("plain", "roll", "hold", "opposite")
 
 
 @dataclass(frozen=True)
 class Arc:
-    """A way out and back on an arc: its plane's tilt from the vertical [rad], its sweep [rad], its rows."""
+    """A way out and back on an arc: its plane's tilt from the vertical [rad] and its sweep [rad]."""
 
     tilt_rad: float
     sweep_rad: float
-    rows: int = ARC_ROWS
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ def make_motion(plan: Plan, sizes: Sizes) -> tuple[Motion, Floats]:
     parts = [_main(plan), _arc(plan, plan.heldout)]
     if plan.kind == "opposite":
         other = Arc(plan.main.tilt_rad + np.pi, plan.main.sweep_rad)
-        parts[0] = tuple(np.concatenate(two) for two in zip(parts[0], _arc(plan, other), strict=True))  # type: ignore[assignment]
+        parts[0] = _joined(parts[0], _arc(plan, other))
     reach = np.linspace(FIRST_REACH * sizes.length_m, plan.standing_m, APPROACH_ROWS)
     still = APPROACH_ROWS + STATIC_FRAMES
     place = np.concatenate([np.outer(reach, [1, 0, 0]), np.tile([plan.standing_m, 0, 0], (STATIC_FRAMES, 1))])
@@ -85,35 +86,55 @@ def make_motion(plan: Plan, sizes: Sizes) -> tuple[Motion, Floats]:
     return motion, t_s[rows]
 
 
-def _main(plan: Plan) -> tuple[Floats, Floats, Floats]:
+Part = tuple[Floats, Floats, Floats]
+
+
+def _main(plan: Plan) -> Part:
     """Places (R, 3) [m], rolls (R,) [rad] and steps (R,) [s] of the first arc with what it is broken by."""
-    place, roll, steps = _arc(plan, plan.main)
-    top = len(place) // 2
+    out, back = _leg(plan, plan.main, 0.0, 1.0), _leg(plan, plan.main, 1.0, 0.0)
     if plan.kind == "hold":
-        pause = np.full(HOLD_ROWS, HOLD_STEP_S)
-        return _insert(place, roll, steps, top, np.zeros(HOLD_ROWS), pause)
+        pause = _stay(out, np.zeros(HOLD_ROWS), HOLD_STEP_S)
+        return _joined(out, pause, back)
     if plan.kind == "roll":
-        swing = plan.roll_rad * np.sin(2 * np.pi * np.arange(1, ROLL_ROWS + 1) / ROLL_ROWS)
-        return _insert(place, roll, steps, 3 * top // 2, swing, np.full(ROLL_ROWS, plan.row_s))
-    return place, roll, steps
+        halfway, home = _leg(plan, plan.main, 1.0, 0.5), _leg(plan, plan.main, 0.5, 0.0)
+        swing = plan.roll_rad * np.sin(2 * np.pi * _ramped(ROLL_ROWS, plan.row_s))
+        return _joined(out, halfway, _stay(halfway, swing, plan.row_s), home)
+    return _joined(out, back)
 
 
-def _insert(
-    place: Floats, roll: Floats, steps: Floats, at: int, rolls: Floats, times: Floats
-) -> tuple[Floats, Floats, Floats]:
-    """Stay at one row for a while, rolling."""
-    stay = np.tile(place[at - 1], (len(rolls), 1))
-    return np.insert(place, at, stay, axis=0), np.insert(roll, at, rolls), np.insert(steps, at, times)
-
-
-def _arc(plan: Plan, arc: Arc) -> tuple[Floats, Floats, Floats]:
+def _arc(plan: Plan, arc: Arc) -> Part:
     """As `_main`, of one arc out and back, without its first pose."""
-    share = 1 - np.abs(2 * np.arange(1, arc.rows + 1) / arc.rows - 1)
-    angle = arc.sweep_rad * share
+    return _joined(_leg(plan, arc, 0.0, 1.0), _leg(plan, arc, 1.0, 0.0))
+
+
+def _leg(plan: Plan, arc: Arc, first: float, last: float) -> Part:
+    """From one share of the arc's sweep to another, from rest to rest, without its first pose."""
+    rows = round(abs(last - first) * ARC_ROWS / 2)
+    angle = arc.sweep_rad * (first + (last - first) * _ramped(rows, plan.row_s))
     up = np.array([0.0, np.sin(arc.tilt_rad), np.cos(arc.tilt_rad)])
     place = plan.radius_m * np.outer(np.sin(angle), up)
     place[:, 0] += plan.standing_m - plan.radius_m * (1 - np.cos(angle))
-    return place, np.zeros(arc.rows), np.full(arc.rows, plan.row_s)
+    return place, np.zeros(len(angle)), np.full(len(angle), plan.row_s)
+
+
+def _stay(before: Part, roll: Floats, step_s: float) -> Part:
+    """Roll by these angles (R,) [rad] where a part before ends."""
+    return np.tile(before[0][-1], (len(roll), 1)), roll, np.full(len(roll), step_s)
+
+
+def _joined(*parts: Part) -> Part:
+    place, roll, steps = (np.concatenate(one) for one in zip(*parts, strict=True))
+    return place, roll, steps
+
+
+def _ramped(rows: int, row_s: float) -> Floats:
+    """Shares (R,) of a way that takes so many rows at full speed: as every arm, it gathers and loses that.
+
+    A rope whose end leaps in speed rings in all of its modes at once, which no steps in time resolve.
+    """
+    ramp = round(RAMP_S / row_s)
+    middle = np.arange(rows + ramp) + 0.5
+    return np.cumsum(np.minimum(1.0, np.minimum(middle, middle[::-1]) / ramp)) / rows
 
 
 def _spread(first: int, last: int, count: int) -> Floats:

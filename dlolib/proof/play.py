@@ -10,8 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from dlolib.errors import SimulationError
 from dlolib.formats.motion import interpolate_motion
-from dlolib.proof.equilibrium import Drift, Equilibrium
+from dlolib.proof.equilibrium import Equilibrium
 from dlolib.proof.forms import Way
+from dlolib.proof.inertia import SHARES, Inertia
 from dlolib.proof.world import (
     BODIES,
     NOTHING,
@@ -22,7 +23,6 @@ from dlolib.proof.world import (
     build,
     free_length,
     turned_end,
-    vertex_masses,
 )
 from dlolib.types import Floats
 
@@ -132,18 +132,26 @@ def _rows(experiment: Experiment, effects: Effects, finer: int) -> Floats:
 def _run(experiment: Experiment, effects: Effects, bodies: int, times: Floats) -> tuple[Floats, Floats]:
     """Vertices (T, N + 1, 3) [m] at these times, the motion's first row the first of them; and the joints'
     curvatures (T, N + 1, 2) [1/m]."""
-    motion = interpolate_motion(experiment.motion, times)
-    turns = turned_end(motion.end_q, effects, "end").as_matrix()
+    dynamic = "inertia_drag" in effects
+    stages = SHARES if dynamic else (1.0,)
+    steps_s = np.diff(times, prepend=times[0])
+    at_s = times[:, None] - np.outer(steps_s, 1 - np.array(stages))
+    motion = interpolate_motion(experiment.motion, at_s.ravel())
+    turns = turned_end(motion.end_q, effects, "end").as_matrix().reshape(*at_s.shape, 3, 3)
+    places = motion.end_m.reshape(*at_s.shape, 3)
     rope = build(experiment, effects, bodies)
-    rope.patience += PATIENCE * len(times)
-    dynamics = _Dynamics(experiment, effects, bodies) if "inertia_drag" in effects else None
+    rope.patience += PATIENCE * at_s.size
+    _reach_first(rope, places[0, 0], turns[0, 0])
+    inertia = Inertia(experiment, effects, bodies, rope.chain.vertices) if dynamic else None
     found, bent = np.empty((len(times), bodies + 1, 3)), np.empty((len(times), bodies + 1, 2))
-    for index, t_s in enumerate(times):
-        step_s = float(t_s - times[index - 1]) if index else 0.0
-        if "grasp_slip" in effects:
-            rope.lengthen(free_length(experiment, effects, float(t_s)))
-        drift = dynamics.drift(step_s) if dynamics and index else None
-        _reach(rope, motion.end_m[index], turns[index], step_s, drift, first=index == 0)
+    for index, step_s in enumerate(steps_s):
+        for stage, share in enumerate(stages if index else ()):
+            if "grasp_slip" in effects:
+                rope.lengthen(free_length(experiment, effects, float(at_s[index, stage])))
+            drift = inertia.drift(step_s) if inertia else None
+            rope.reach(places[index, stage], turns[index, stage], share * step_s, drift)
+            if inertia:
+                inertia.keep(rope.chain.vertices, step_s)
         if max((contact.depth(rope.chain.vertices) for contact in rope.contacts), default=0.0) > DEEPEST_M:
             raise SimulationError(
                 "held longer than it is, round an obstacle, it would tear", mend="draw another motion"
@@ -151,62 +159,16 @@ def _run(experiment: Experiment, effects: Effects, bodies: int, times: Floats) -
         rope.keep(step_s)
         found[index] = rope.chain.vertices
         bent[index] = rope.curvature(rope.q)[:, :2]
-        if dynamics:
-            dynamics.keep(found[index], step_s)
     return found, bent
 
 
-def _reach(
-    rope: Equilibrium, position: Floats, turn: Floats, step_s: float, drift: Drift | None, first: bool
-) -> None:
+def _reach_first(rope: Equilibrium, position: Floats, turn: Floats) -> None:
     """On the way to the first row nothing is in the way (formats.md), and then all of it at once."""
     contacts = rope.contacts
-    if first:
-        rope.contacts = []
-        rope.reach(position, turn, step_s)
-        rope.contacts = contacts
-    rope.reach(position, turn, step_s, drift)
-
-
-class _Dynamics:
-    """Inertia and drag at the vertices by the second backward difference (BDF2), at rest before."""
-
-    def __init__(self, experiment: Experiment, effects: Effects, bodies: int) -> None:
-        effect = effects["inertia_drag"]
-        self.mass = effect["inertia"] * vertex_masses(experiment, effects, bodies)[:, None]
-        length = np.full((bodies + 1, 1), experiment.sizes.length_m / bodies)
-        length[[0, -1]] /= 2
-        self.drag = effect["drag"] * length
-        self.last: list[Floats] = []
-        self.velocity: list[Floats] = []
-        self.step_s = 0.0
-
-    def drift(self, step_s: float) -> Drift:
-        """The missing force of a step as rate * x - drift, from the last two states."""
-        fast, x = self._weights(step_s), self.last
-        v = self.velocity
-        behind = fast[1] * x[-1] + fast[2] * x[-2]
-        pull = fast[1] * v[-1] + fast[2] * v[-2]
-        rate = fast[0] ** 2 * self.mass + fast[0] * self.drag
-        # v = f0 x + behind; a = f0 v + pull.
-        return Drift(rate, -self.mass * (fast[0] * behind + pull) - self.drag * behind)
-
-    def keep(self, x: Floats, step_s: float) -> None:
-        """Append a state; the first one has stood for ever."""
-        if not self.last:
-            self.last, self.velocity = [x.copy(), x.copy()], [np.zeros_like(x), np.zeros_like(x)]
-            return
-        fast = self._weights(step_s)
-        speed = fast[0] * x + fast[1] * self.last[-1] + fast[2] * self.last[-2]
-        self.last, self.velocity = [self.last[-1], x.copy()], [self.velocity[-1], speed]
-        self.step_s = step_s
-
-    def _weights(self, step_s: float) -> tuple[float, float, float]:
-        """Of the newest, the last and the state before it, for steps that may differ [1/s]."""
-        ratio = step_s / self.step_s if self.step_s else 1.0
-        new = (1 + 2 * ratio) / (1 + ratio)
-        old = ratio**2 / (1 + ratio)
-        return new / step_s, -(1 + ratio) / step_s, old / step_s
+    rope.contacts = []
+    rope.reach(position, turn, 0.0)
+    rope.contacts = contacts
+    rope.reach(position, turn, 0.0)
 
 
 def _through_camera(points: Floats, effects: Effects) -> Floats:
