@@ -16,17 +16,21 @@ from dlolib.types import Noise
 
 ENOUGH, HARDER = 1.0, 4.0
 WHITE = Noise(0.0015, 0.0, 0.0)
-EFFECTS: tuple[tuple[str, ...], ...] = (
-    (),
-    (),
-    (),
-    (),
-    ("plastic_bending",),
-    ("internal_friction",),
-    ("viscoelastic_bending",),
-    ("inertia_drag",),
-    ("hidden_obstacle",),
-    ("contact_friction",),
+LARGE, SMALL = 3.0, 0.5
+# Names and size over the one that is found. A rope with little drag swings longest.
+EFFECTS: tuple[tuple[tuple[str, ...], float | None], ...] = (
+    ((), None),
+    ((), None),
+    ((), None),
+    ((), None),
+    (("plastic_bending",), LARGE),
+    (("internal_friction",), LARGE),
+    (("viscoelastic_bending",), LARGE),
+    (("inertia_drag",), LARGE),
+    (("hidden_obstacle",), LARGE),
+    (("contact_friction",), LARGE),
+    (("inertia_drag",), SMALL),
+    (("inertia_drag",), SMALL),
 )
 
 
@@ -35,32 +39,38 @@ def refined(seed: int, index: int) -> dict[str, Any]:
 
     `gain` is the noise-free chi-squared (white noise of 1.5 mm) that the best rope of as many bodies as the
     recording took leaves of one with twice as many and the same effects, refitted unless it is below 1
-    anyway; `harder_gain` likewise of obstacles four times as hard. `bodies_m`, `steps_m` and `harder_m` are
-    the largest changes of a point for twice the bodies, for half the steps and for such obstacles [m].
+    anyway; `steps_gain` and `harder_gain` likewise of half the steps and of obstacles four times as hard.
+    `bodies_m`, `steps_m` and `harder_m` are the largest changes of a point for these [m]. `row_s` is the time
+    between rows of the motion, `size` that of the effects over the one that is found.
     """
-    names = EFFECTS[index]
-    case = _playable(seed, index, names)
+    names, size = EFFECTS[index]
+    case = _playable(seed, index, names, size)
     experiment, effects, bodies = case.experiment, case.effects, case.bodies
     fine = play(experiment, effects, 2 * bodies)
     hard = play(replace(experiment, hardness=HARDER * experiment.hardness), effects, bodies)
     half = play(experiment, effects, bodies, finer=2)
-    left, harder = (gain(experiment, one, effects, WHITE, bodies, doubtless=ENOUGH) for one in (fine, hard))
+    left, steps, harder = (
+        gain(experiment, one, effects, WHITE, bodies, doubtless=ENOUGH) for one in (fine, half, hard)
+    )
     return {
         "effects": list(names),
+        "size": size,
+        "row_s": float(np.median(np.diff(experiment.motion.t_s))),
         "obstacles": len(experiment.obstacles),
         "bodies": bodies,
         "gain": left.value,
         "bodies_m": float(np.abs(fine - case.points_m).max()),
+        "steps_gain": steps.value,
         "steps_m": float(np.abs(half - case.points_m).max()),
         "harder_gain": harder.value,
         "harder_m": float(np.abs(hard - case.points_m).max()),
     }
 
 
-def _playable(seed: int, index: int, names: Sequence[str]) -> Case:
+def _playable(seed: int, index: int, names: Sequence[str], size: float | None) -> Case:
     for attempt in range(30):
         try:
-            return draw_case(seed, index, names, 3.0 if names else None, attempt)
+            return draw_case(seed, index, names, size, attempt)
         except SimulationError:
             continue
     raise SimulationError("no motion could be played", mend="take another seed")
