@@ -6,7 +6,7 @@ from pathlib import Path, PurePosixPath
 from typing import Annotated, Any
 
 import pandas as pd
-from pydantic import Field, field_validator
+from pydantic import AfterValidator, Field, field_validator
 
 from dlolib.errors import FormatError
 from dlolib.files import write_csv, write_json
@@ -26,6 +26,15 @@ LAST_HUE = 179
 Hue = Annotated[int, Field(ge=0, le=LAST_HUE)]
 Level = Annotated[int, Field(ge=0, le=255)]
 Hsv = Annotated[tuple[Hue, Level, Level], Field(strict=False)]
+
+
+def _upwards(value: tuple[Hsv, Hsv]) -> tuple[Hsv, Hsv]:
+    """Hue is a circle and may go through red; no saturation or value is from a low above the high one."""
+    low, high = value
+    for name, least, most in zip(("saturation", "value"), low[1:], high[1:], strict=True):
+        if least > most:
+            raise ValueError(f"the low {name} is above the high one: give [low, high]")
+    return value
 
 
 class Pinhole(Strict):
@@ -56,7 +65,7 @@ class CameraModel(Pinhole):
 class CaptureScene(Scene):
     """capture.json without the camera."""
 
-    rope_color_hsv: Annotated[tuple[Hsv, Hsv], Field(strict=False)] | None = None
+    rope_color_hsv: Annotated[tuple[Hsv, Hsv], Field(strict=False), AfterValidator(_upwards)] | None = None
     background_color: str | None = None
     background_depth: str | None = None
     static_frames: FrameRange | None = None
@@ -171,7 +180,9 @@ def _paths(table: Table, name: str, folder: Path) -> tuple[Path, ...] | None:
         return None
     paths = []
     for row, cell in enumerate(cells):
-        if not cell or PurePosixPath(cell).is_absolute() or ".." in PurePosixPath(cell).parts:
+        if not cell:
+            raise table.refusal(row, name, "names no file", "give one in every row, or in none")
+        if PurePosixPath(cell).is_absolute() or ".." in PurePosixPath(cell).parts:
             raise table.refusal(
                 row, name, f"{cell!r} is no path within the capture", "give one relative to it"
             )

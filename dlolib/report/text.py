@@ -8,6 +8,8 @@ import re
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 MINUS = "\u2212"
 ABSENT = "–"
+# A sign before a number, and the exponent behind one.
+SIGN, EXPONENT = re.compile(r"(?<![\w.])-(?=\d)"), re.compile(r"(?<=\d)e([+-]\d+)")
 MARKS = re.compile(r"`(?P<code>[^`]+)`|\*\*(?P<strong>.+?)\*\*|~(?P<sub>[^~\s]+)~")
 
 
@@ -74,6 +76,12 @@ def span(low: float | None, high: float | None, digits: int = 3) -> str:
 def nice_unit(unit: str) -> str:
     """A unit of fit.json as a person writes it: N m^2 is N m²."""
     return unit.replace("^2", "²").replace("^4", "⁴")
+
+
+def sentence(text: str) -> str:
+    """A sentence of a result's file, whose letters are plain, as `scientific` and `nice_unit` write them."""
+    powers = EXPONENT.sub(lambda found: f" × {power(int(found[1]))}", text)
+    return nice_unit(SIGN.sub(MINUS, powers))
 
 
 def title(name: str) -> str:

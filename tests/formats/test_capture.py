@@ -87,6 +87,12 @@ def refused(folder: Path, name: str) -> str:
             [[0, 0, 0], [0, 300, 0]],
             "rope_color_hsv.1.1: Input should be less than or equal",
         ),
+        (
+            "rope_color_hsv",
+            [[170, 200, 0], [10, 100, 255]],
+            "rope_color_hsv: the low saturation is above the high one: give [low, high]",
+        ),
+        ("rope_color_hsv", [[170, 0, 200], [10, 100, 100]], "the low value is above the high one"),
         ("static_frames", [1, 0], "static_frames: [1, 0] ends before it begins"),
         ("heldout_frames", [2, 60], "heldout_frames: [2, 60] names no frame of frames.csv"),
     ],
@@ -109,7 +115,7 @@ def test_a_camera_may_say_that_it_has_no_distortion(tmp_path: Path, none: Any) -
     [
         (3, "color", "color/000009.png", "line 3, column color: no such file: color/000009.png"),
         (3, "color", "/etc/hostname", "is no path within the capture"),
-        (3, "depth", "", "is no path within the capture"),
+        (3, "depth", "", "line 3, column depth: names no file; give one in every row, or in none"),
         (3, "t_s", "0", "two rows with the same t_s = 0"),
         (3, "frame", "0", "two rows with the same frame = 0"),
     ],

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from dlolib.report.text import fixed, listed, millimetres, nice_unit, scientific, span, spans, title
+from dlolib.report.text import fixed, listed, millimetres, nice_unit, scientific, sentence, span, spans, title
 
 
 @pytest.mark.parametrize(
@@ -52,3 +52,8 @@ def test_names_as_a_person_writes_them() -> None:
 def test_units_as_a_person_writes_them() -> None:
     assert nice_unit("N m^2") == "N m²"
     assert nice_unit("m^4/s^2") == "m⁴/s²"
+
+
+def test_sentences_of_a_verdict_as_a_person_writes_them() -> None:
+    says = "grows: cubic -0.0031 ± 3.1e-05 m^2; 2 to -3.5 rad in frames 3-7"
+    assert sentence(says) == "grows: cubic −0.0031 ± 3.1 × 10⁻⁵ m²; 2 to −3.5 rad in frames 3-7"

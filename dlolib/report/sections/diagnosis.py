@@ -10,7 +10,7 @@ from dlolib.report.diagnosis import bends, models_figure, moments_figure, rope_f
 from dlolib.report.model import Block, Column, Figure, Missing, Paragraph, Section, Table
 from dlolib.report.results import Results
 from dlolib.report.style import save
-from dlolib.report.text import fixed, millimetres, nice_unit, scientific, span, title
+from dlolib.report.text import fixed, millimetres, nice_unit, scientific, sentence, span, title
 from dlolib.types import Quality, Verdict
 
 TITLE = "What the elastic rod leaves out"
@@ -48,7 +48,7 @@ def _words() -> str:
 
 def _recording(results: Results, name: str, verdict: Verdict, figures: Path) -> list[Block]:
     status = STATUS[verdict.status]
-    blocks: list[Block] = [Paragraph(f"**{title(name)}: {status}.** {verdict.summary}")]
+    blocks: list[Block] = [Paragraph(f"**{title(name)}: {status}.** {sentence(verdict.summary)}")]
     shapes, scan = (results.table("diagnose", name, part) for part in ("shapes.csv", "scan.csv"))
     moments = results.table("diagnose", name, "moments.csv")
     if shapes is not None:
