@@ -18,6 +18,8 @@ MOST_IN_TIE, PLACE_M = 3, 0.015
 CONFIDENTLY_WRONG = ("wrong", "missed")
 # What a row says of intervals; versions may differ in these alone.
 INTERVALS = ("covered", "covered_forms")
+# With these a rope has sides.
+DIRECTED = frozenset({"anisotropic_bending", "rest_curvature"})
 PLACED = ("stiffness_profile", "mass_profile")
 # How far off EI is at least without the named effect, to see by how much that effect mends it.
 BIASED = (0.01, 0.02, 0.05, 0.1)
@@ -230,12 +232,26 @@ def _covered(verdict: Verdict, answer: Answer) -> dict[str, bool]:
     """Whether the 95 % intervals hold the truth, of EI and of what does not depend on a law's form."""
     said = _parameters(verdict)
     held = {name: inside for name, inside in _inside(said, answer["parameters"]).items() if name in FORM_FREE}
+    held |= _rolled(said, answer)
     if not answer["parameters"].get("mass_profile", {}).get("mass", 1.0):
         held.pop("mass_profile.s", None)  # a gradient has no place
     stiffness = verdict["augmented"]["parameters"].get("bending_stiffness")
     if stiffness is not None:
         held["bending_stiffness"] = _holds(stiffness, answer["bending_stiffness"])
     return held
+
+
+def _rolled(said: Mapping[str, Any], answer: Answer) -> dict[str, bool]:
+    """Whether the interval of one end's roll holds what the other was rolled by, the other way round: a rope
+    that bends alike about all axes feels the difference alone."""
+    true = answer["parameters"].get("end_twist", {})
+    if len(true) != 1 or not DIRECTED.isdisjoint(answer["effects"]):
+        return {}
+    ((end, value),) = true.items()
+    names = f"end_twist.{end}", f"end_twist.{'start' if end == 'end' else 'end'}"
+    if names[0] in said or names[1] not in said:
+        return {}
+    return {names[0]: _holds(said[names[1]], -value)}
 
 
 def _inside(said: Mapping[str, Any], true: Mapping[str, Mapping[str, float]]) -> dict[str, bool]:

@@ -151,3 +151,26 @@ def test_without_its_effect_a_diagnosis_owns_up_or_names_the_twin() -> None:
     assert not owns_up(verdict("explained", SPOT), LUMP)
     assert not owns_up(verdict("no_mismatch"), LUMP)
     assert not owns_up(None, LUMP)
+
+
+@pytest.mark.parametrize(
+    ("rolled", "said", "beside", "covered"),
+    [
+        ("end", ("end", 0.3), (), {"end_twist.end": True}),
+        ("end", ("start", -0.3), (), {"end_twist.end": True}),
+        ("start", ("end", -0.3), (), {"end_twist.start": True}),
+        ("end", ("start", 0.3), (), {"end_twist.end": False}),
+        ("end", ("start", -0.3), ("anisotropic_bending",), {}),
+    ],
+)
+def test_a_round_rope_may_be_rolled_at_either_end(
+    rolled: str, said: tuple[str, float], beside: tuple[str, ...], covered: dict[str, bool]
+) -> None:
+    end, value = said
+    names = ("end_twist", *beside)
+    true = answer(*names) | {"parameters": {"end_twist": {rolled: 0.3}}}
+    told = verdict("explained", *names)
+    about = {"value": value, "low": value - 0.05, "high": value + 0.05, "unit": "rad"}
+    told["effects"][0]["parameters"] = {end: about}
+    row = score(told, true)["covered"]
+    assert {name: inside for name, inside in row.items() if name != "bending_stiffness"} == covered
