@@ -10,7 +10,7 @@ import numpy as np
 
 from dlolib.errors import SimulationError
 from dlolib.proof.draw import Case, draw_case
-from dlolib.proof.gain import gain
+from dlolib.proof.gain import GAIN_BODIES, gain
 from dlolib.proof.play import play
 from dlolib.types import Noise
 
@@ -30,7 +30,6 @@ EFFECTS: tuple[tuple[tuple[str, ...], float | None], ...] = (
     (("hidden_obstacle",), LARGE),
     (("contact_friction",), LARGE),
     (("inertia_drag",), SMALL),
-    (("inertia_drag",), SMALL),
 )
 
 
@@ -39,19 +38,21 @@ def refined(seed: int, index: int) -> dict[str, Any]:
 
     `gain` is the noise-free chi-squared (white noise of 1.5 mm) that the best rope of as many bodies as the
     recording took leaves of one with twice as many and the same effects, refitted unless it is below 1
-    anyway; `steps_gain` and `harder_gain` likewise of half the steps and of obstacles four times as hard.
-    `bodies_m`, `steps_m` and `harder_m` are the largest changes of a point for these [m]. `row_s` is the time
-    between rows of the motion, `size` that of the effects over the one that is found.
+    anyway; `steps_gain` and `harder_gain` likewise of half the steps and of harder obstacles, with
+    the bodies that gains are taken with. `bodies_m`, `steps_m` and `harder_m` are the largest changes of a
+    point for these [m]. `row_s` is the time between rows of the motion, `size` that of the effects over the
+    one that is found.
     """
     names, size = EFFECTS[index]
     case = _playable(seed, index, names, size)
     experiment, effects, bodies = case.experiment, case.effects, case.bodies
+    hard = replace(experiment, hardness=HARDER * experiment.hardness)
+    shown = play(experiment, effects, GAIN_BODIES)
     fine = play(experiment, effects, 2 * bodies)
-    hard = play(replace(experiment, hardness=HARDER * experiment.hardness), effects, bodies)
-    half = play(experiment, effects, bodies, finer=2)
-    left, steps, harder = (
-        gain(experiment, one, effects, WHITE, bodies, doubtless=ENOUGH) for one in (fine, half, hard)
-    )
+    half = play(experiment, effects, GAIN_BODIES, finer=2)
+    harder = play(hard, effects, GAIN_BODIES)
+    left = gain(experiment, fine, effects, WHITE, bodies, doubtless=ENOUGH)
+    less, more = (gain(experiment, one, effects, WHITE, doubtless=ENOUGH) for one in (half, harder))
     return {
         "effects": list(names),
         "size": size,
@@ -60,10 +61,10 @@ def refined(seed: int, index: int) -> dict[str, Any]:
         "bodies": bodies,
         "gain": left.value,
         "bodies_m": float(np.abs(fine - case.points_m).max()),
-        "steps_gain": steps.value,
-        "steps_m": float(np.abs(half - case.points_m).max()),
-        "harder_gain": harder.value,
-        "harder_m": float(np.abs(hard - case.points_m).max()),
+        "steps_gain": less.value,
+        "steps_m": float(np.abs(half - shown).max()),
+        "harder_gain": more.value,
+        "harder_m": float(np.abs(harder - shown).max()),
     }
 
 
