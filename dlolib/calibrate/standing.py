@@ -101,8 +101,10 @@ def _in_marker(marker: MarkerModel, number: int, path: Path) -> Obstacle:
     given = dict(marker.obstacle)
     height = given.get("height_m")
     try:
-        if given.get("shape") == "cylinder" and isinstance(height, int | float):
-            given = {"center_m": [0.0, 0.0, -height / 2], "axis": [0.0, 0.0, 1.0]} | given
+        # one of the two alone tells of a marker elsewhere, and nothing of the other
+        unsaid = not {"center_m", "axis"} & given.keys()
+        if given.get("shape") == "cylinder" and unsaid and isinstance(height, int | float):
+            given |= {"center_m": [0.0, 0.0, -height / 2], "axis": [0.0, 0.0, 1.0]}
         return parse_obstacle(given, "")
     except (ValueError, OverflowError) as error:
         problem, _, mend = str(error).partition("; ")

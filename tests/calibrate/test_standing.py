@@ -199,6 +199,16 @@ def unplaced(folder: Path) -> None:
             lambda f: describe(f, markers=[{"id": 3, "obstacle": boards.CYLINDER | {"radius_m": -1}}]),
             "markers.0.obstacle: cylinder: radius_m = -1 is not positive; give a length in metres",
         ),
+        (
+            lambda f: describe(f, markers=[{"id": 3, "obstacle": boards.CYLINDER | {"axis": [0, 1, 0]}}]),
+            "markers.0.obstacle: cylinder: center_m = None; give 3 numbers",
+        ),
+        (
+            lambda f: describe(
+                f, markers=[{"id": 3, "obstacle": boards.CYLINDER | {"center_m": [0, 0, -0.03]}}]
+            ),
+            "markers.0.obstacle: cylinder: axis = None; give 3 numbers",
+        ),
         (lambda f: describe(f, marker_m=40), "markers.json: marker_m"),
         (lambda f: describe(f, marker_m=0.05), "marker 3: as a square of 0.05 m has corners that are off by"),
         (moved, "marker 3: moves by"),
