@@ -25,6 +25,7 @@ LARGEST_LAG_S = 0.5
 CURVE_STEP_M = 2e-5
 ROUNDING_M = 1e-9
 FAR_M = 1e3
+NEEDED = columns({"timestamp": 1, "actual_TCP_pose": 6})
 # A controller's demand is smoothed, and still nearer than this to the trajectory that it was given.
 ANOTHER_M = 5e-3
 
@@ -71,9 +72,14 @@ class RobotLog:
 def without_repeats(raw: Path) -> pd.DataFrame:
     """The recorder's file with one row a controller time: it free-runs, so samples repeat.
 
-    A torn last line (the recorder was cut off) is left out.
+    A torn last line (the recorder was cut off) is left out; a torn header leaves nothing.
     """
-    table = pd.read_csv(raw, on_bad_lines="skip", dtype=str, na_filter=False)
+    try:
+        table = pd.read_csv(raw, on_bad_lines="skip", dtype=str, na_filter=False)
+    except pd.errors.EmptyDataError:
+        table = pd.DataFrame()
+    if not set(NEEDED) <= set(table):
+        table = pd.DataFrame(columns=columns())
     numbers = pd.DataFrame({name: pd.to_numeric(table[name], errors="coerce") for name in table}).dropna()
     once = numbers[numbers["timestamp"] > 0].drop_duplicates("timestamp", keep="first")
     return once.sort_values("timestamp", kind="stable").reset_index(drop=True)
@@ -105,7 +111,7 @@ def read_log(folder: Path) -> RobotLog:
         table = pd.read_csv(file)
     except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
         raise FormatError(f"is no table: {error}", file=file, mend="record it again") from error
-    lacking = [name for name in columns({"timestamp": 1, "actual_TCP_pose": 6}) if name not in table]
+    lacking = [name for name in NEEDED if name not in table]
     if lacking:
         raise FormatError(f"no column {lacking[0]}", file=file, mend="record timestamp and actual_TCP_pose")
     t_s = _numbers(table, ["timestamp"], file)[:, 0]

@@ -79,6 +79,20 @@ def test_repeats_and_a_torn_last_line_of_the_recorder_are_left_out(tmp_path: Pat
     assert table["actual_TCP_pose_0"].tolist() == [0, 1, 2, 3]
 
 
+@pytest.mark.parametrize("written", [0, 25])
+def test_a_recorder_that_was_cut_off_before_its_first_line_ended_leaves_a_log_without_rows(
+    tmp_path: Path, written: int
+) -> None:
+    """A crash or a full disk: the reason of the motion's end still is to be told."""
+    file = recorded(tmp_path)
+    file.write_text(file.read_text()[:written])
+    write_log(without_repeats(file), tmp_path)
+    said = {"completed": False, "reason": "connection lost", "streamed_from_s": None}
+    log = read_log(tmp_path)
+    result = evaluate(RobotLog(log.t_s, log.actual, log.target, said), arc())
+    assert (result.samples, result.reason, result.tracking_error_m) == (0, "connection lost", None)
+
+
 def test_the_columns_are_those_that_the_robots_recorder_writes() -> None:
     names = columns()
     assert len(names) == len(set(names)) == 5 + 7 * 6
