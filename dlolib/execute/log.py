@@ -127,13 +127,14 @@ def read_log(folder: Path) -> RobotLog:
 def evaluate(log: RobotLog, path: Motion) -> ExecutionResult:
     """Compare a log with the path in the base frame that it should have followed.
 
-    Without a result.json the log is taken to be of a completed run, and the start that fits best as the
-    start of the path.
+    Without a result.json the log is taken to be of a completed run. Of such a run of which nobody says when
+    the path began that start is taken which fits best.
     """
     said = log.result
     start = said.get("streamed_from_s")
     completed, reason = bool(said.get("completed", True)), str(said.get("reason", "recorded elsewhere"))
-    streamed = said == {} or start is not None
+    # formats.md has no such key: another's result.json says nothing of it, and null that nothing was streamed
+    streamed = start is not None or (completed and "streamed_from_s" not in said)
     if not streamed or len(log.t_s) < 2:
         return ExecutionResult(completed, reason, len(log.t_s), None)
     began = best_start(log, path) if start is None else float(start)

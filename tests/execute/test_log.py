@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -59,6 +60,16 @@ def test_what_never_streamed_has_no_tracking_error() -> None:
     said = {"completed": False, "reason": "interrupted (Ctrl-C)", "streamed_from_s": None}
     result = evaluate(RobotLog(log.t_s, log.actual, log.target, said), arc())
     assert (result.completed, result.tracking_error_m, result.exit_status) == (False, None, 1)
+
+
+def test_a_result_with_the_keys_of_the_formats_alone_is_of_a_run_that_is_compared() -> None:
+    log = followed(aside_m=0.002)
+    said = {"completed": True, "reason": "done", "samples": len(log.t_s), "tracking_error_m": 0.002}
+    result = evaluate(replace(log, result=said), arc())
+    assert result.tracking_error_m == pytest.approx(0.002, rel=1e-3)
+    assert result.streamed_from_s == pytest.approx(START_S, abs=1e-3)
+    # of a part of the path no start is known
+    assert evaluate(replace(log, result=said | {"completed": False}), arc()).tracking_error_m is None
 
 
 def recorded(folder: Path, rows: int = 5) -> Path:
