@@ -121,7 +121,13 @@ def read_log(folder: Path) -> RobotLog:
     actual = _numbers(table, columns({"actual_TCP_pose": 6}), file)
     targets = columns({"target_TCP_pose": 6})
     target = _numbers(table, targets, file) if set(targets) <= set(table) else np.full_like(actual, np.nan)
-    return RobotLog(t_s, actual, target, read_result(Path(folder) / "result.json"))
+    said = Path(folder) / "result.json"
+    result = read_result(said)
+    start = result.get("streamed_from_s")
+    if start is not None and not (type(start) in (int, float) and np.isfinite(start)):
+        problem, mend = f"is {start!r}, and no time [s]", "give the controller's time, or null"
+        raise FormatError(problem[:80], file=said, place="streamed_from_s", mend=mend)
+    return RobotLog(t_s, actual, target, result)
 
 
 def evaluate(log: RobotLog, path: Motion) -> ExecutionResult:

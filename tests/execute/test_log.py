@@ -148,6 +148,14 @@ def test_a_result_that_is_no_json_is_refused(tmp_path: Path) -> None:
             read_log(tmp_path)
 
 
+@pytest.mark.parametrize("start", ['"50"', "[50]", "true", "NaN"])
+def test_a_start_that_is_no_time_is_refused(tmp_path: Path, start: str) -> None:
+    recorded(tmp_path)
+    (tmp_path / "result.json").write_text(f'{{"completed": true, "streamed_from_s": {start}}}')
+    with pytest.raises(FormatError, match=r"result\.json: streamed_from_s: is .*, and no time .*; give the"):
+        read_log(tmp_path)
+
+
 def test_a_folder_without_a_log_is_refused(tmp_path: Path) -> None:
     with pytest.raises(FormatError, match=r"no log\.csv here"):
         read_log(tmp_path)
