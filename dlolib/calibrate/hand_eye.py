@@ -194,16 +194,22 @@ def _scatter_m(poses: Floats) -> float:
 
 
 def _check_arrangement(frames: _Frames, camera: Floats, path: Path) -> None:
-    """Refuse a camera that rides on the tool before a board that stands still."""
+    """Refuse a camera that rides on the tool before a board that stands still.
+
+    Poses of the world in the tool's axes, of a camera that stands, are the very same equations.
+    """
     on_tool = _hand_eye(frames.tool, frames.board)
     riding = _scatter_m(frames.tool @ on_tool @ frames.board)
     fixed = _scatter_m(np.linalg.inv(frames.tool) @ camera @ frames.board)
     if fixed > CLEARLY * riding and np.isfinite(riding):
         problem = (
-            "the camera rides on the tool and the board stands still "
+            "the camera rides on the tool and the board stands still, or the poses are the wrong way round "
             f"(they then agree to {1e3 * riding:.1f} mm, else to {1e3 * fixed:.0f} mm)"
         )
-        mend = "fix the camera and put the board on the tool: a capture knows one pose of its camera"
+        mend = (
+            "fix the camera and put the board on the tool (a capture knows one pose of its camera), and give "
+            "the tool's poses in the world's axes"
+        )
         raise FormatError(problem, file=path, place="arrangement", mend=mend)
 
 

@@ -225,3 +225,11 @@ def test_a_camera_on_the_tool_is_refused(tmp_path: Path) -> None:
         DloError, match=r"arrangement: the camera rides on the tool and the board stands still"
     ):
         calibrate_hand_eye(recorded(tmp_path / "c", boards.GRID, arm, tools))
+
+
+def test_poses_the_wrong_way_round_are_said_to_be_so(tmp_path: Path) -> None:
+    """A camera that stands, the world's poses in the tool's axes: no equation tells this from the above."""
+    arm = boards.arm(6)
+    tools = [np.asarray(np.linalg.inv(tool)) for tool in arm.tool]
+    with pytest.raises(DloError, match=r"or the poses are the wrong way round .* give the tool's poses in"):
+        calibrate_hand_eye(recorded(tmp_path / "c", boards.GRID, arm, tools))
