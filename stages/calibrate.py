@@ -52,7 +52,8 @@ def main(data: str, capture: str = "") -> None:
                 out / "obstacles.png",
             )
         if capture:
-            put_into_capture(Path(capture), view, obstacles)
+            seen_by = None if camera is None else camera.shots.camera
+            put_into_capture(Path(capture), view, obstacles, seen_by)
     if camera is not None:
         apart, turned = (
             float(np.sqrt(np.mean(values**2))) for values in (camera.residual_m, camera.residual_rad)

@@ -13,12 +13,14 @@ from dlolib.calibrate.hand_eye import HandEye
 from dlolib.calibrate.standing import FoundObstacle
 from dlolib.errors import FormatError
 from dlolib.files import write_json
-from dlolib.formats import read_capture_index
+from dlolib.formats import read_capture_index, say
 from dlolib.formats._json import read_json
 from dlolib.formats.capture import FORM
-from dlolib.types import Floats
+from dlolib.types import Camera, Floats
 
 CALIBRATION = "dlo-calibration/1"
+# What optics of one camera differ by from file to file.
+SAME_ANGLE = 0.01
 
 
 def write_calibration(path: Path, camera: HandEye | None, obstacles: Sequence[FoundObstacle] = ()) -> None:
@@ -31,11 +33,15 @@ def write_calibration(path: Path, camera: HandEye | None, obstacles: Sequence[Fo
 
 
 def put_into_capture(
-    folder: Path, world_from_camera: Floats | None, obstacles: Sequence[FoundObstacle] = ()
+    folder: Path,
+    world_from_camera: Floats | None,
+    obstacles: Sequence[FoundObstacle] = (),
+    seen_by: Camera | None = None,
 ) -> None:
     """Write the camera's pose (4, 4), and the obstacles where there are any, into a capture's capture.json.
 
-    All else in the file stays as it is; the capture is read back and must be whole.
+    All else in the file stays as it is; the capture is read back and must be whole. Where it was recorded by
+    another camera than `seen_by`, whose pose that is, this is said.
 
     Raises:
         FormatError: no capture, or its camera is no object.
@@ -53,10 +59,34 @@ def put_into_capture(
     before = path.read_bytes()
     write_json(path, content)
     try:
-        read_capture_index(folder)
+        index = read_capture_index(folder)
     except Exception:
         path.write_bytes(before)
         raise
+    if world_from_camera is not None and seen_by is not None:
+        say(_of_another(seen_by, index.camera, path))
+
+
+def _of_another(seen_by: Camera, camera: Camera, path: Path) -> list[str]:
+    """That the capture's camera sees another angle, both across and down, than the one whose pose was found:
+    colour and depth of one device are two cameras, 15 to 60 mm apart. More pixels, or a strip cut off, is the
+    same one."""
+    ours, theirs = _angles(seen_by), _angles(camera)
+    if ours is None or theirs is None or (np.abs(ours / theirs - 1) < SAME_ANGLE).any():
+        return []
+    problem = (
+        f"is {camera.fx:g} of {camera.width} pixels, and {seen_by.fx:g} of {seen_by.width} in the frames "
+        "of the calibration: another camera, which stands elsewhere"
+    )
+    mend = "calibrate the one that recorded the capture"
+    return [str(FormatError(problem, file=path, place="camera.fx", mend=mend))]
+
+
+def _angles(camera: Camera) -> Floats | None:
+    """Width and height over the focal lengths (2,); None for a capture of point clouds that says none."""
+    if not (camera.width and camera.height and camera.fx and camera.fy):
+        return None
+    return np.array([camera.width / camera.fx, camera.height / camera.fy])
 
 
 def obstacle_json(found: FoundObstacle) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from dlolib.calibrate import calibrate_hand_eye, draw_hand_eye, put_into_capture, write_calibration
 from dlolib.captures import open_capture
 from dlolib.errors import DloError
+from dlolib.types import Camera
 
 
 def recorded(
@@ -129,6 +130,24 @@ def test_it_is_written_into_a_capture(tmp_path: Path) -> None:
     draw_hand_eye(found, tmp_path / "again.png")
     assert (tmp_path / "camera.png").read_bytes() == (tmp_path / "again.png").read_bytes()
     assert cv2.imread(str(tmp_path / "camera.png")).std() > 20
+
+
+@pytest.mark.parametrize(
+    ("pixels", "focal", "other"),
+    [((32, 24), 30.0, False), ((64, 48), 60.0, False), ((64, 36), 60.0, False), ((64, 48), 46.0, True)],
+    ids=["same", "finer", "cut", "other"],
+)
+def test_a_capture_of_another_camera_is_said(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, pixels: tuple[int, int], focal: float, other: bool
+) -> None:
+    """As where the board was seen in colour and the capture is of the depth camera beside it."""
+    from captures import foreign_samples
+
+    capture = foreign_samples.own(tmp_path / "capture", foreign_samples.frames())
+    seen_by = Camera(np.eye(4), *pixels, focal, focal * 31 / 30)
+    put_into_capture(capture, boards.VIEW, seen_by=seen_by)
+    said = [record.getMessage() for record in caplog.records]
+    assert len(said) == other and all("camera.fx: is 30 of 32 pixels, and 46 of 64 in" in one for one in said)
 
 
 def change_board(**changes: Any) -> Callable[[Path], object]:
