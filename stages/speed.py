@@ -26,7 +26,7 @@ from dlolib.types import Ends, Obstacle
 from stages import DATA, peers, timing
 from stages.learn import settings as learn_settings
 from stages.peers import EI, GJ, GRAVITY, ROPE, STEP_S, STEPS, Race
-from stages.timing import Figure, in_turn
+from stages.timing import REPEATS, Figure, in_turn
 
 EXACT_PERCENT = 0.3
 """How far from the elastica a solver may be that is timed."""
@@ -57,27 +57,24 @@ def forward() -> Iterator[Figure]:
         if not fine < errors[name] < coarse:
             yield from [Figure(None, f"{name} does not converge: {coarse:.2g}, {fine:.2g} %")] * 2
             return
-    quick = ["ours", "MuJoCo 4 flex"]
-    times = dict(zip(quick, in_turn([races[name].go for name in quick]), strict=True))
-    if "PyElastica" in races:
-        again = in_turn([races["ours"].go, races["PyElastica"].go], 2)
-        times["ours"], times["PyElastica"] = min(times["ours"], again[0]), again[1]
-    for peer in ("MuJoCo 4 flex", "PyElastica"):
+    # a peer's time stands over ours of the same minute
+    for peer, repeats in (("MuJoCo 4 flex", REPEATS), ("PyElastica", 2)):
         if peer not in races:
             yield Figure(None, f"{peer} is not installed: the extra `bench`")
             continue
-        yield _against(peer, times, errors)
+        theirs, own = in_turn([races[peer].go, races["ours"].go], repeats)
+        yield _against(peer, theirs, own, errors)
 
 
-def _against(peer: str, times: dict[str, float], errors: dict[str, float]) -> Figure:
+def _against(peer: str, theirs: float, own: float, errors: dict[str, float]) -> Figure:
     said = (
-        f"{us(times[peer])} against {us(times['ours'])} a step of {1e3 * STEP_S:g} ms, n = 30, "
+        f"{us(theirs)} against {us(own)} a step of {1e3 * STEP_S:g} ms, n = 30, "
         f"one core; off the elastica by {errors[peer]:.2f} and {errors['ours']:.2f} % of the length"
     )
     off = [name for name in (peer, "ours") if errors[name] > EXACT_PERCENT]
     if off:
         return Figure(None, f"{' and '.join(off)} not within {EXACT_PERCENT} % of the elastica: {said}")
-    return Figure(times[peer] / times["ours"], said)
+    return Figure(theirs / own, said)
 
 
 def backward() -> Iterator[Figure]:

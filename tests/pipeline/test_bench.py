@@ -1,5 +1,8 @@
 """What `make bench` times: scenes that come to the same elastica, and our rod by cosseratbench's rules."""
 
+from collections.abc import Callable
+
+import numpy as np
 import pytest
 
 from stages import bench, peers, speed
@@ -41,3 +44,24 @@ def test_our_rod_hangs_and_bends_as_cosseratbench_wants_it() -> None:
     for name, metric in (("catenary", "shape_error"), ("cantilever", "tip_deflection_error")):
         result = run(registry.load_experiment(name), RodSolver())
         assert result.outcome == "completed" and result.metrics[metric] < 2e-3
+
+
+def test_a_peer_is_held_against_our_time_of_the_same_round(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The machine is twice as fast when the second peer's turn comes."""
+    seconds = iter(({"ours": 2.0, "MuJoCo": 8.0}, {"ours": 1.0, "PyElastica": 90.0}))
+    off = {15: 0.5, 16: 0.5, 30: 0.2, 60: 0.1}
+
+    def race(name: str) -> Callable[..., peers.Race]:
+        return lambda n=30, *_: peers.Race(lambda: name, lambda: np.zeros(0), np.full(1, off[n]))
+
+    def timed(jobs: list[Callable[[], str]], *_: int) -> list[float]:
+        now = next(seconds)
+        return [now[job()] for job in jobs]
+
+    for name, made in (("ours", "ours"), ("mujoco_flex", "MuJoCo"), ("pyelastica", "PyElastica")):
+        monkeypatch.setattr(peers, name, race(made))
+    monkeypatch.setattr(peers, "exact_shapes", lambda: np.zeros(0))
+    monkeypatch.setattr(peers, "error_of", lambda one, _: float(one.arc_m[0]) / 100)
+    monkeypatch.setattr(speed, "find_spec", lambda _: True)
+    monkeypatch.setattr(speed, "in_turn", timed)
+    assert [figure.value for figure in speed.forward()] == [4.0, 90.0]
