@@ -164,8 +164,9 @@ def learning() -> Iterator[Figure]:
     seconds = time.perf_counter() - begin
     yield Figure(
         seconds,
-        f"layout_1, EI 3e-4 N m², {len(done.curve)} iterations of at most {given.iterations}; goal error "
-        f"{1e3 * done.kept.goal.mean_m:.1f} mm, clearance {1e3 * done.kept.min_clearance_m:.1f} mm; one run",
+        f"layout_1, EI 3e-4 N m², {done.iterations_total} iterations in all, starts tried: {done.starts}; "
+        f"goal error {1e3 * done.kept.goal.mean_m:.1f} mm, clearance "
+        f"{1e3 * done.kept.min_clearance_m:.1f} mm; one run",
     )
 
 

@@ -1,6 +1,7 @@
 """What `make bench` times: scenes that come to the same elastica, and our rod by cosseratbench's rules."""
 
 from collections.abc import Callable
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -65,3 +66,11 @@ def test_a_peer_is_held_against_our_time_of_the_same_round(monkeypatch: pytest.M
     monkeypatch.setattr(speed, "find_spec", lambda _: True)
     monkeypatch.setattr(speed, "in_turn", timed)
     assert [figure.value for figure in speed.forward()] == [4.0, 90.0]
+
+
+def test_learning_s_time_is_that_of_all_the_iterations_that_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    kept = SimpleNamespace(goal=SimpleNamespace(mean_m=2e-4), min_clearance_m=9.7e-3)
+    done = SimpleNamespace(kept=kept, curve=range(130), iterations_total=181, starts=2)
+    monkeypatch.setattr(speed, "learn", lambda *_: done)
+    (figure,) = speed.learning()
+    assert "181 iterations in all, starts tried: 2; goal error 0.2 mm" in figure.how
