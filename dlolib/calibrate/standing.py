@@ -87,6 +87,11 @@ def find_obstacles(folder: Path, world_from_camera: Floats | None = None) -> tup
         raise FormatError("is not given", file=shots.folder / "capture.json", place=place, mend=mend)
     view = shots.camera.world_from_camera if world_from_camera is None else world_from_camera
     model = checked(MarkersModel, read_object(path, "the markers"), path)
+    for number, marker in enumerate(model.markers):
+        if marker in model.markers[:number]:
+            # a line that was copied for the next marker: that one's obstacle would be missing
+            problem, mend = f"marker {marker.id} has this obstacle already", "correct its id, or remove it"
+            raise FormatError(problem, file=path, place=f"markers.{number}", mend=mend)
     obstacles = [_in_marker(marker, number, path) for number, marker in enumerate(model.markers)]
     corners = _corners(shots, model, path)
     face = _depth(shots)

@@ -209,6 +209,10 @@ def unplaced(folder: Path) -> None:
             ),
             "markers.0.obstacle: cylinder: axis = None; give 3 numbers",
         ),
+        (
+            lambda f: describe(f, markers=[{"id": 3, "obstacle": boards.CYLINDER}] * 2),
+            "markers.json: markers.1: marker 3 has this obstacle already; correct its id",
+        ),
         (lambda f: describe(f, marker_m=40), "markers.json: marker_m"),
         (lambda f: describe(f, marker_m=0.05), "marker 3: as a square of 0.05 m has corners that are off by"),
         (moved, "marker 3: moves by"),
