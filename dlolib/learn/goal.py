@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
+from scipy.spatial.transform import Rotation
 
 from dlolib.errors import LayoutError
-from dlolib.formats import signed_distance
+from dlolib.formats import say, signed_distance
 from dlolib.types import Floats, Layout
 
 # Fewer points than this, or a first or last one further from the rope's ends, are no goal for all of it.
@@ -16,6 +17,8 @@ FEWEST_POINTS = 4
 END_SHARE = 0.02
 # A goal that is drawn shorter than this share of the rope is none that it could take.
 LEAST_SHARE, LOOKED_AT = 0.9, 200
+# A goal of a few points does not tell its direction at the ends better than so.
+TURNED_RAD, ALONG = np.radians(30.0), np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -28,7 +31,8 @@ class GoalError:
 
 
 def check_learnable(layout: Layout, clearance_m: float) -> None:
-    """Refuse what `formats.read_layout` lets pass and no path can be learned for.
+    """Refuse what `formats.read_layout` lets pass and no path can be learned for; say where an end is held
+    across the goal.
 
     Args:
         layout: what is to be learned.
@@ -62,6 +66,21 @@ def check_learnable(layout: Layout, clearance_m: float) -> None:
         mend = "move one: arcs turn about an axis that stands on the way between them and on the vertical"
         raise LayoutError(problem, file=layout.name, place="grasp.position_m", mend=mend)
     _check_ends(layout, clearance_m)
+    say(_turned_ends(layout, drawn))
+
+
+def _turned_ends(layout: Layout, drawn: Floats) -> list[str]:
+    """Where the goal, as steps (N, 3) along it, leaves a held end in another direction than it is held in: no
+    rope that is clamped so takes that shape, and the moved end does not turn."""
+    lines = []
+    for end, pose, step in (("start", layout.start, drawn[0]), ("grasp", layout.grasp, drawn[-1])):
+        held = Rotation.from_quat(pose.quaternion, scalar_first=True).apply(ALONG)
+        angle = float(np.arccos(np.clip(held @ step / np.linalg.norm(step), -1.0, 1.0)))
+        if angle > TURNED_RAD:
+            problem = f"its third axis is {np.degrees(angle):.0f}° off the goal's direction there"
+            mend = "give (w, x, y, z), the third axis along the rope from start to end, or correct the goal"
+            lines.append(str(LayoutError(problem, file=layout.name, place=f"{end}.quaternion", mend=mend)))
+    return lines
 
 
 def _check_ends(layout: Layout, clearance_m: float) -> None:

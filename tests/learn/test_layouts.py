@@ -81,6 +81,21 @@ def test_a_goal_drawn_shorter_than_the_rope_is_refused(layout: Layout) -> None:
         check_learnable(replace(layout, goal_m=small), CLEARANCE_M)
 
 
+def test_an_end_that_is_held_across_the_goal_is_said(
+    layout: Layout, caplog: pytest.LogCaptureFixture
+) -> None:
+    """As with a quaternion (x, y, z, w), or of a frame whose first axis is the rope's."""
+    check_learnable(layout, CLEARANCE_M)
+    few = [0, 30, 60, 89]
+    check_learnable(replace(layout, goal_s_m=layout.goal_s_m[few], goal_m=layout.goal_m[few]), CLEARANCE_M)
+    assert not caplog.records
+    for end in ("start", "grasp"):
+        pose = getattr(layout, end)
+        wrong = replace(pose, quaternion=np.roll(pose.quaternion, -1))
+        check_learnable(replace(layout, **{end: wrong}), CLEARANCE_M)
+        assert f"{end}.quaternion: its third axis is " in caplog.records.pop().getMessage()
+
+
 def test_beside_obstacles_the_thickness_must_be_known(layout: Layout) -> None:
     thin = replace(layout, rope=replace(layout.rope, diameter_m=None))
     with pytest.raises(LayoutError, match="object.diameter_m: not known"):
