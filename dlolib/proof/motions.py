@@ -20,6 +20,8 @@ ARC_ROWS, ROLL_ROWS = 400, 240
 # How long the gripper takes to its full speed, and from it to rest [s].
 RAMP_S = 0.2
 KINDS = ("plain", "roll", "hold", "opposite")
+# Places (R, 3) [m], rolls (R,) [rad] and steps (R,) [s].
+Part = tuple[Floats, Floats, Floats]
 
 
 @dataclass(frozen=True)
@@ -86,11 +88,8 @@ def make_motion(plan: Plan, sizes: Sizes) -> tuple[Motion, Floats]:
     return motion, t_s[rows]
 
 
-Part = tuple[Floats, Floats, Floats]
-
-
 def _main(plan: Plan) -> Part:
-    """Places (R, 3) [m], rolls (R,) [rad] and steps (R,) [s] of the first arc with what it is broken by."""
+    """The first arc with what it is broken by."""
     out, back = _leg(plan, plan.main, 0.0, 1.0), _leg(plan, plan.main, 1.0, 0.0)
     if plan.kind == "hold":
         pause = _stay(out, np.zeros(HOLD_ROWS), HOLD_STEP_S)
@@ -103,7 +102,7 @@ def _main(plan: Plan) -> Part:
 
 
 def _arc(plan: Plan, arc: Arc) -> Part:
-    """As `_main`, of one arc out and back, without its first pose."""
+    """One arc out and back, without its first pose."""
     return _joined(_leg(plan, arc, 0.0, 1.0), _leg(plan, arc, 1.0, 0.0))
 
 
