@@ -6,6 +6,7 @@ straight to the compiled kernel, everything else through Taichi, which compiles 
 """
 
 import functools
+import warnings
 from dataclasses import dataclass
 from operator import index
 
@@ -23,12 +24,12 @@ class Kernel:
 
     def __init__(self, function):
         functools.update_wrapper(self, function)
-        self._usual = ti.kernel(function)
+        self._usual = ti.kernel(function, fastcache=True)
         self._compiled = {}
-        declared = [one.annotation for one in self._usual._primal.arguments]
+        declared = [one.annotation for one in self._usual._primal.arg_metas]
         self._templates = [k for k, one in enumerate(declared) if isinstance(one, ti.template)]
         passed = [k for k in range(len(declared)) if k not in self._templates]
-        made = [_argument((place,), k, declared[k]) for place, k in enumerate(passed)]
+        made = [_argument(place, k, declared[k]) for place, k in enumerate(passed)]
         self._arrays = [one for one in made if isinstance(one, _Array)]
         self._numbers = [one for one in made if isinstance(one, _Number)]
 
@@ -36,7 +37,10 @@ class Kernel:
         choice = tuple(args[k] for k in self._templates)
         declared = all(one.fits(args[one.number]) for one in self._arrays)
         if not declared or choice not in self._compiled:
-            self._usual(*args)
+            with warnings.catch_warnings():
+                # of the constants that it takes from its module; the cache's folder knows them (`runtime`)
+                warnings.filterwarnings("ignore", message=r"\[PURE\.VIOLATION\]")
+                self._usual(*args)
             if declared:
                 self._compiled[choice] = self._as_compiled(args)
             return
@@ -51,10 +55,9 @@ class Kernel:
         impl.get_runtime().prog.launch_kernel(code, context)
 
     def _as_compiled(self, args):
-        """Taichi's kernel for these arguments, and its code."""
-        primal, prog = self._usual._primal, impl.get_runtime().prog
-        kernel = primal.compiled_kernels[primal.ensure_compiled(*args)]
-        return kernel, prog.compile_kernel(prog.config(), prog.get_device_caps(), kernel)
+        """Taichi's kernel for these arguments, which it has just run, and its code."""
+        primal = self._usual._primal
+        return primal.materialized_kernels[primal.ensure_compiled(*args)], primal._last_compiled_kernel_data
 
 
 @dataclass(frozen=True)
@@ -62,7 +65,7 @@ class _Array:
     """An array declared: its place among those passed, its number among all, its dimensions beside those of
     an entry, the entry's shape, and the type of its numbers."""
 
-    place: tuple
+    place: int
     number: int
     dimensions: int
     entry: tuple
@@ -84,7 +87,7 @@ class _Array:
 class _Number:
     """A number declared: likewise, and whether it is an integer."""
 
-    place: tuple
+    place: int
     number: int
     whole: bool
 

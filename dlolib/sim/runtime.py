@@ -1,30 +1,62 @@
-"""The one place that starts Taichi. Import `ti` from here, never from taichi itself."""
+"""The one place that starts Taichi. Import `ti` from here.
+
+It is Quadrants, the fork of Taichi that is kept alive: the same language under a newer LLVM.
+"""
 
 import contextlib
 import ctypes
-import functools
+import hashlib
+import inspect
 import io
 import os
+import tempfile
+from pathlib import Path
 
-os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")  # before the import: it prints to standard output
-os.environ.setdefault("TI_ENABLE_PYBUF", "0")  # or it complains of a standard output that is not a file
+os.environ.setdefault("ENABLE_QUADRANTS_HEADER_PRINT", "0")  # before the import: it prints to standard output
+os.environ.setdefault("QD_ENABLE_PYBUF", "0")  # or it complains of a standard output that is not a file
+# Of each function it is asked whether its source's caller is a class. That is the import system, whose source
+# would be sought in all modules every time: a third of every start.
+inspect.modulesbyfile["<frozen importlib._bootstrap>"] = "importlib._bootstrap"  # type: ignore[attr-defined]
 
-import taichi as ti
-from taichi.lang import impl, kernel_impl
-from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
+import quadrants as ti
+from quadrants.lang import impl
+from quadrants.lang._func_base import FuncBase
+
+SOURCES = Path(__file__).parent
+
+
+def _cache() -> dict[str, object]:
+    """Where compiled kernels are kept: a folder of their own for each state of these sources.
+
+    A kernel is found again by its own source and its arguments (`fastcache`), which say nothing of the
+    constants that it takes from its module; the folder's name does. Where nothing may be written, nothing is
+    kept, but Taichi ends the process where it cannot make its folder, so that it makes one that stays empty.
+    """
+    digest = hashlib.sha256()
+    for path in sorted(SOURCES.rglob("*.py")):
+        digest.update(path.relative_to(SOURCES).as_posix().encode() + b"\0" + path.read_bytes())
+    with contextlib.suppress(OSError, RuntimeError):  # RuntimeError: there is no home
+        home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        folder = home / "dlolib" / digest.hexdigest()[:16]
+        folder.mkdir(parents=True, exist_ok=True)
+        if os.access(folder, os.W_OK):
+            return {"offline_cache": True, "offline_cache_file_path": str(folder)}
+    empty = Path(tempfile.gettempdir()) / f"dlolib-{os.getuid()}"
+    return {"offline_cache": False, "src_ll_cache": False, "offline_cache_file_path": str(empty)}
+
 
 # Double precision, and no fast maths: an error of the compiler must not be taken for physics, and two
-# runs must agree to the byte. The offline cache makes every start after the first quick; without Taichi's own
-# advanced passes (LLVM's remain) the first takes 6 s instead of 40 s, and a step a tenth longer.
+# runs must agree to the byte. Without Taichi's own advanced passes (LLVM's remain) the first start takes a
+# quarter of the time, and a step a tenth longer.
 with contextlib.redirect_stdout(io.StringIO()):  # it announces itself where a command's output goes
     ti.init(
         arch=ti.cpu,
         default_fp=ti.f64,
         default_ip=ti.i32,
         fast_math=False,
-        offline_cache=True,
         advanced_optimization=False,
         log_level=ti.WARN,
+        **_cache(),
     )
 
 # A roll-out's arrays are some MB each. The C library would hand them back to the system after every call and
@@ -35,30 +67,15 @@ with contextlib.suppress(AttributeError, OSError, TypeError):  # where the C lib
     ctypes.CDLL(None).mallopt(TRIM_THRESHOLD, 2**28)
 
 
-def _place(context, node):
-    """Where a node of a kernel stands, for messages: the file and line, without a drawing of the source."""
-    line = node.lineno + context.lineno_offset
-    return f'File "{context.file}", line {line}, in {context.func.func.__name__}\n'
-
-
-# Half of every start went into wrapping source lines for messages of errors that are not there.
-ASTTransformerContext.get_pos_info = _place
-# And a third of the rest into reading the same functions' source wherever they are called.
-kernel_impl.getsourcelines = functools.cache(kernel_impl.getsourcelines)
-kernel_impl.getsourcefile = functools.cache(kernel_impl.getsourcefile)
-# And a tenth into asking of each function, by a look through all modules, whether it is in a class; none is.
-kernel_impl._inside_class = lambda level_of_class_stackframe: False
-
-
-def _tree_and_context(*args, ast_builder=None, make=kernel_impl._get_tree_and_ctx, **kwargs):
+def _tree_and_context(self, *args, ast_builder=None, make=FuncBase.get_tree_and_ctx, **kwargs):
     """Taichi's own, with the builder of what is compiled: it gives inlined functions the kernel's."""
     if ast_builder is not None:
         ast_builder = impl.get_runtime().compiling_callable.ast_builder()
-    return make(*args, ast_builder=ast_builder, **kwargs)
+    return make(self, *args, ast_builder=ast_builder, **kwargs)
 
 
 # Else a function inlined into a real one, which is compiled once and called, must not have an `if`.
-kernel_impl._get_tree_and_ctx = _tree_and_context
+FuncBase.get_tree_and_ctx = _tree_and_context
 
 vec2 = ti.types.vector(2, ti.f64)
 vec3 = ti.types.vector(3, ti.f64)

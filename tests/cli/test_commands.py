@@ -20,7 +20,7 @@ from dlolib.types import Estimate, Fit
 
 ROOT = Path(__file__).resolve().parents[2]
 COMMANDS = ["ingest", "chain", "simulate", "identify", "diagnose", "learn", "execute", "report"]
-HEAVY = ["taichi", "open3d", "mujoco", "matplotlib", "cv2", "scipy", "pandas"]
+HEAVY = ["quadrants", "open3d", "mujoco", "matplotlib", "cv2", "scipy", "pandas"]
 
 
 def test_the_commands_are_those_of_the_formats() -> None:

@@ -13,7 +13,7 @@ from dlolib.report.results import Results
 from dlolib.report.text import title
 
 PACKAGES = (
-    "taichi",
+    "quadrants",
     "numpy",
     "scipy",
     "opencv-python-headless",
