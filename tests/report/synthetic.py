@@ -346,6 +346,7 @@ def _write_proof(folder: Path) -> None:
     versions = [before, {"shards": ["shard_1"], **told}]
     write_json(folder / "proof/summary.json", shards | told | {"versions": versions})
     write_json(folder / "proof/sizes.json", {"found": share(9, 10)})
+    write_json(folder / "proof/screen.json", {"missed": share(1, 12), "otherwise": share(0, 12)})
     null = {"effects": [], "obstacles": 1, "bodies": 58, "gain": 0.42, "bodies_m": 2.5e-4, "steps_m": 3e-5}
     null |= {"steps_gain": 0.2, "harder_gain": 0.1, "harder_m": 4e-5}
     write_json(folder / "proof/refinement.json", {"goal": 2.0, "cases": [null]})

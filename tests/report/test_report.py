@@ -285,6 +285,7 @@ def test_the_proof_shows_every_share_and_every_confusion(content: dict) -> None:
     assert counts["nothing missing, and yet an alarm"] == ["1 of 2 recordings", "50.0"]
     assert counts["95 % intervals that hold the truth"] == ["1 of 1 intervals", "100.0"]
     assert counts["planted at the size that `detectable` names, and found"] == ["9 of 10 recordings", "90.0"]
+    assert counts["every pair fitted: a better model than those screened"] == ["1 of 12 recordings", "8.3"]
     assert figure["file"] == "figures/proof.svg"
     assert ["nothing", "end_angle", "1"] in confusion["rows"]
     every = ["5", "2 of 3", "1 of 3", "1 of 2"]

@@ -39,6 +39,8 @@ BESIDE = (
     ("next.json", ["asked"], "ties for which a motion is asked for and can be played", ABSENT),
     ("next.json", ["told_apart"], "of these end in the true set alone once it was", "≥ 80 %"),
     ("sizes.json", ["found"], "planted at the size that `detectable` names, and found", "85 to 99 %"),
+    ("screen.json", ["missed"], "every pair fitted: a better model than those screened", ABSENT),
+    ("screen.json", ["otherwise"], "and another verdict for it", ABSENT),
     ("images.json", ["summary", "right_or_tied"], "from depth images: right or tied", "5 points less"),
     ("images.json", ["summary", "false_alarms"], "from depth images: nothing missing, and alarm", "≤ 2.5 %"),
 )
@@ -146,8 +148,9 @@ def _shares(proof: Mapping[str, Any], beside: list[tuple[str, ...]]) -> Table:
         Column("What", align="left"), Column("Count"), Column("Share", "%"), Column("95 % interval", "%"),
         Column("Goal"),
     )  # fmt: skip
-    commands = "`make proof`, and `proof-without`, `proof-next`, `proof-sizes`, `proof-images`"
-    return Table(f"The blind proof ({commands}), with Wilson's intervals.", columns, tuple(rows))
+    others = "`proof-without`, `proof-next`, `proof-sizes`, `proof-screen`, `proof-images`"
+    caption = f"The blind proof (`make proof`, and {others}), with Wilson's intervals."
+    return Table(caption, columns, tuple(rows))
 
 
 def _share(found: Mapping[str, Any], what: str) -> tuple[str, str, str]:
