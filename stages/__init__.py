@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -28,16 +29,33 @@ REPORTS = Path("reports")
 def run(stage: Callable[..., None], *arguments: str) -> None:
     """Run a stage; unusable input is one line on standard error and exit status 2, Ctrl-C status 130."""
     try:
+        _check_arguments(stage, arguments)
         stage(*arguments)
     except DloError as error:
         print(error, file=sys.stderr)
         raise SystemExit(2) from None
     except OSError as error:
-        where = error.filename or stage.__module__
+        where = error.filename or _name(stage)
         print(f"{where}: {error.strerror}; correct the path or its permissions", file=sys.stderr)
         raise SystemExit(2) from None
     except KeyboardInterrupt:
         raise SystemExit(INTERRUPTED) from None
+
+
+def _check_arguments(stage: Callable[..., None], given: Sequence[str]) -> None:
+    takes = inspect.signature(stage)
+    try:
+        takes.bind(*given)
+    except TypeError:
+        names = " ".join(name.upper() for name in takes.parameters) or "none"
+        problem = f"arguments given: {len(given)}"
+        raise ParameterError(problem, place=_name(stage), mend=f"give {names}") from None
+
+
+def _name(stage: Callable[..., None]) -> str:
+    """Of its module, also where that is the one run by `python -m`."""
+    run_by_name = getattr(sys.modules[stage.__module__], "__spec__", None)
+    return stage.__module__ if run_by_name is None else run_by_name.name
 
 
 def known(given: Sequence[str], names: Iterable[str], what: str) -> None:

@@ -64,13 +64,14 @@ class Drawn:
     begin: State
 
 
-def main(count: int) -> None:
+def main(count: str) -> None:
+    asked = number(count, "COUNT")
     with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
-        every = list(track(pool.map(outcome, range(count), chunksize=10), "robustness", total=count))
+        every = list(track(pool.map(outcome, range(asked), chunksize=10), "robustness", total=asked))
     found = summary(every)
     write_json(REPORTS / "robustness.json", found)
     bad = found["not_finite"] + found["torn"] + found["unnamed_error"]
-    print(f"{count} roll-outs: {found['solved']} solved, {found['refused']} refused by name, {bad} failed")
+    print(f"{asked} roll-outs: {found['solved']} solved, {found['refused']} refused by name, {bad} failed")
 
 
 def summary(every: Sequence[dict[str, Any]]) -> dict[str, Any]:
@@ -305,4 +306,4 @@ def _reason(error: DloError) -> str:
 
 
 if __name__ == "__main__":
-    run(lambda: main(number(sys.argv[1], "COUNT")))
+    run(main, *sys.argv[1:])

@@ -211,7 +211,7 @@ def _check(rope: LabRope, motion: Motion, samples: Floats, settle_s: float) -> N
     if reach > MOST_REACH * rope.length_m:
         raise ParameterError(
             f"the ends are {reach:.3f} m apart and the rope is {rope.length_m:.3f} m long",
-            mend=f"keep them within {MOST_REACH * rope.length_m:.3f} m",
+            mend=f"keep them within {MOST_REACH * rope.length_m:.3f} m, or lengthen it (lab.rope.length_m)",
         )
     if samples.min() < motion.t_s[0] - STILL_M or samples.max() > motion.t_s[-1] + settle_s + STILL_M:
         raise ParameterError("a sample lies outside the motion", mend="sample within it, or settle longer")

@@ -74,3 +74,13 @@ def test_ctrl_c_ends_a_stage_without_a_traceback() -> None:
     with pytest.raises(SystemExit) as ended:
         run(stage)
     assert ended.value.code == 130
+
+
+def test_a_stage_says_what_it_takes(capsys: pytest.CaptureFixture[str]) -> None:
+    def stage(name: str, path: str) -> None:
+        raise AssertionError("it is not called")
+
+    with pytest.raises(SystemExit) as ended:
+        run(stage, "wire_white")
+    assert ended.value.code == 2
+    assert capsys.readouterr().err == f"{__name__}: arguments given: 1; give NAME PATH\n"
