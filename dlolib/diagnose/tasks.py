@@ -145,8 +145,17 @@ def fit_first(study: Study, task: Task) -> Fitted | None:
         with contextlib.suppress(SimulationError):
             rough.append((fit(model, start.theta, ROUGH, FIRST_TOLERANCE), model))
     ahead = [(one, model) for one, model in rough if one.chi2 < _least(rough) + margin]
-    ends = [fit(model, one.theta, tolerance=FIRST_TOLERANCE) for one, model in ahead]
+    ends = [_finished(one, model) for one, model in ahead]
     return min(ends, key=lambda one: one.chi2, default=None)
+
+
+def _finished(rough: Fitted, model: Hypothesis) -> Fitted:
+    """A rough fit to its end; as it is where it ends on a bound, a little within which the rope has no
+    equilibrium: least squares begins there."""
+    try:
+        return fit(model, rough.theta, tolerance=FIRST_TOLERANCE)
+    except SimulationError:
+        return rough
 
 
 def _least(rough: Sequence[tuple[Fitted, Hypothesis]]) -> float:

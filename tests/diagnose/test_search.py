@@ -8,12 +8,13 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from dlolib.diagnose import search
+from dlolib.diagnose import search, tasks
 from dlolib.diagnose.fitting import Fitted
 from dlolib.diagnose.search import _refined, _settled
 from dlolib.diagnose.study import DiagnoseSettings, Study
 from dlolib.diagnose.tasks import Promise, Task, Terms
 from dlolib.diagnose.workers import Workers
+from dlolib.errors import SimulationError
 from dlolib.identify.parameters import Unknown
 
 STUDY = cast(Study, SimpleNamespace(frames=70))
@@ -137,3 +138,18 @@ def test_what_no_linear_step_foretells_is_fitted_all_the_same(monkeypatch: pytes
     inert = fitted(8000.0, ("inertia_drag",), ("drag",))
     best = search._partners(STUDY, inert, DiagnoseSettings(), cast(Workers, run))
     assert {one.effects[-1] for one in best} == {"contact_friction", "plastic_bending", "end_twist"}
+
+
+def test_a_fit_that_cannot_go_on_from_where_it_was_left_stays_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a bound least squares begins a little within, where the rope may have no equilibrium."""
+    left = fitted(40.0, ("inertia_drag",))
+
+    def fit(model: object, theta: object, iterations: int = 30, tolerance: float = 0.0) -> Fitted:
+        if iterations == tasks.ROUGH or model == "solved":
+            return left if model == "unsolved" else replace(left, chi2=45.0)
+        raise SimulationError("no equilibrium")
+
+    starts = [(Promise(10.0, np.zeros(1)), "unsolved"), (Promise(20.0, np.zeros(1)), "solved")]
+    monkeypatch.setattr(tasks, "fit", fit)
+    monkeypatch.setattr(tasks, "_ranked", lambda *_: starts)
+    assert tasks.fit_first(cast(Study, None), Task({}, (), (), 2)) is left
