@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dlolib.diagnose.alternatives import alternatives
 from dlolib.diagnose.ask import next_motion
 from dlolib.diagnose.decide import contenders, decide
 from dlolib.diagnose.detect import asked, detectable, sized
@@ -15,7 +16,7 @@ from dlolib.diagnose.heldout import black_box, foretell
 from dlolib.diagnose.locate import Reversal, reversal, scan
 from dlolib.diagnose.noise import NoiseTold, known_noise, noise_left
 from dlolib.diagnose.nuisances import before, between
-from dlolib.diagnose.search import Searched, baseline, other_forms, search, searched_again, simulated_once
+from dlolib.diagnose.search import Searched, baseline, search, searched_again, simulated_once
 from dlolib.diagnose.study import Bools, DiagnoseSettings, Seen, Study, acting_only, seen_as
 from dlolib.diagnose.verdict import Found, simulated, verdict_of
 from dlolib.diagnose.whitening import Whitener, grid_of, lasting
@@ -75,12 +76,12 @@ def diagnose(recordings: Sequence[Recording], settings: DiagnoseSettings) -> Dia
         pairs = zip(compared, foretold, strict=False)
         ahead = {one.effects: told for one, told in pairs if told is not None}
         decision = decide(study, searched, settings, ahead, scans)
-        forms = other_forms(study, searched, decision.winner, settings, run)
+        others = alternatives(study, searched, decision.winner, settings, run)
         motion = next_motion(study, searched, decision, settings, run)
     if motion is not None:
         motion = replace(motion, motion=as_logged(motion.motion, recordings[0]))
     found = Found(
-        study, told[0], searched, decision, tuple(forms), tuple(scans), tuple(seen), ahead, boxes[0], motion
+        study, told[0], searched, decision, tuple(others), tuple(scans), tuple(seen), ahead, boxes[0], motion
     )  # fmt: skip
     points = [
         (simulated(study, base, k), simulated(study, decision.winner, k)) for k in range(len(recordings))

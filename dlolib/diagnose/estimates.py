@@ -34,7 +34,7 @@ SPREAD = stats.norm.ppf((np.arange(VALUES) + 0.5) / VALUES)
 @dataclass(frozen=True)
 class Alternatives:
     """What may be right in the place of a model: every model fitted, the elastic rod among them, and the
-    model itself with its effects in their other forms."""
+    model itself with its effects in other forms or elsewhere."""
 
     baseline: Fitted
     models: tuple[Fitted, ...]

@@ -1,7 +1,6 @@
 """Where a rod is wrong, before anything is named: the way back against the way out, and a scan.
 
-A probe is what one place of the rope would show if it were a little stiffer, curved at rest, or pushed: the
-derivative of all points by that. Its gain in χ² over a window of frames, with the baseline's own
+The gain in χ² of a local probe (`dlolib.diagnose.probes`) over a window of frames, with the baseline's own
 parameters projected out, is a scan statistic (Kulldorff, Communications in Statistics 26, 1997); what noise
 alone makes of the largest of them is drawn.
 """
@@ -17,32 +16,21 @@ from scipy.fft import dct
 from scipy.spatial.transform import Rotation
 
 from dlolib.diagnose.fitting import Fitted
+from dlolib.diagnose.probes import PLACES, PROBES, places, probe
 from dlolib.diagnose.study import Seen, Study
 from dlolib.errors import SimulationError
 from dlolib.formats import interpolate_motion
 from dlolib.identify.problem import axes
 from dlolib.sim.continuum import mesh_error, refined
-from dlolib.sim.effects.base import Setup
 from dlolib.sim.rod import Rod
-from dlolib.sim.scene import REST, STIFFNESS
-from dlolib.sim.sides import Sides
 from dlolib.types import Floats, Ints, Motion, Place, Recording
 
-PLACES = 12
 DRAWS, LEVEL = 300, 0.99
 MOST_PLACES = 4
 # Frames at the same pose, between which the rope was elsewhere: [m], [rad], and how far away [m].
 SAME_M, SAME_RAD, AWAY_M = 2e-3, 0.02, 0.01
 # Slow modes along the rope in which a way back differs.
 MODES = 8
-PROBES = {
-    "stiffness": "",
-    "curvature_1": "1/m",
-    "curvature_2": "1/m",
-    "force_x": "N",
-    "force_y": "N",
-    "force_z": "N",
-}
 
 
 @dataclass(frozen=True)
@@ -125,8 +113,8 @@ def scan(study: Study, job: tuple[Fitted, int, int]) -> Scan:
     one, residual = study.seen[k], base.residuals[k]
     rod = study.rod(k, base.values(k))
     made = one.model.setup(rod)
-    arc = (np.arange(PLACES) + 0.5) / PLACES * one.recording.rope.length_m
-    sides = [side for probe in PROBES for s in arc for side in [_probe(made, probe, s, arc[1] - arc[0])]]
+    arc = places(one.recording.rope.length_m)
+    sides = [probe(made, name, s, arc[1] - arc[0]) for name in PROBES for s in arc]
     names = [u.name for u in base.unknowns if u.recording in (None, k)]
     seen = axes(one.model)
     columns = one.whitener(one.model.respond(rod, sides).by_parameter[:, seen])
@@ -144,9 +132,9 @@ def scan(study: Study, job: tuple[Fitted, int, int]) -> Scan:
     # the largest of many are distributed as Gumbel says, beyond as many draws as there are, too
     p_value = float(stats.gumbel_r.sf(most, *stats.gumbel_r.fit(largest[1:])))
     by_frame = _by_frame(gains[0], windows, len(residual)).reshape(len(PROBES), PLACES, -1)
-    places = _strongest(one, gains[0], sizes, windows, arc, threshold)
+    strongest = _strongest(one, gains[0], sizes, windows, arc, threshold)
     frames = np.unique(one.recording.points.frame)
-    return Scan(one.recording.name, frames, arc, by_frame, threshold, p_value, places)
+    return Scan(one.recording.name, frames, arc, by_frame, threshold, p_value, strongest)
 
 
 def _left_by_meshes(one: Seen, rod: Rod, offsets_m: Floats) -> Floats:
@@ -166,31 +154,6 @@ def _left_by_meshes(one: Seen, rod: Rod, offsets_m: Floats) -> Floats:
 def _beyond(gains: Floats, unsure: float) -> float:
     """The largest of the gains in χ² over what an error of that χ² may have added to it."""
     return max(float(np.sqrt(gains.max()) - np.sqrt(unsure)), 0.0) ** 2
-
-
-def _probe(made: Setup, probe: str, s_m: float, width_m: float) -> Sides:
-    """The set-up with one place a little stiffer, more curved or pushed, either way."""
-    sides, size = [], {"stiffness": 1e-3, "curvature_1": 1e-3, "curvature_2": 1e-3}.get(probe, 1e-5)
-    for sign in (1, -1):
-        if probe == "stiffness":
-            share = _bump((np.sum(made.joint_arc_m(), axis=0)) / 2, s_m, width_m)[:, None]
-            columns = slice(STIFFNESS, REST)
-            sides.append(made.with_joints(columns, made.joints[:, columns] * (1 + sign * size * share)))
-        elif probe.startswith("curvature"):
-            share = _bump((np.sum(made.joint_arc_m(), axis=0)) / 2, s_m, width_m)
-            column = REST + int(probe[-1]) - 1
-            sides.append(made.with_joints(column, made.joints[:, column] + sign * size * share))
-        else:
-            share = _bump(made.arc_m, s_m, width_m)
-            force = np.zeros((len(share), 3))
-            force[:, "xyz".index(probe[-1])] = sign * size * share / share.sum()
-            sides.append(made.with_load(force))
-    return sides[0], sides[1], 2 * size
-
-
-def _bump(at_m: Floats, s_m: float, width_m: float) -> Floats:
-    """1 at s, 0 from a width away on."""
-    return np.maximum(1 - np.abs(at_m - s_m) / width_m, 0.0)
 
 
 def _windows(frames: int) -> list[tuple[int, int]]:
@@ -248,12 +211,12 @@ def _strongest(
     frames = np.unique(one.recording.points.frame)
     half = (arc[1] - arc[0]) / 2
     found: list[tuple[int, int]] = []
-    places: list[Place] = []
+    chosen: list[Place] = []
     for index in np.argsort(-gains, axis=None):
         p, w = np.unravel_index(index, gains.shape)
-        if gains[p, w] < threshold or len(places) == MOST_PLACES:
+        if gains[p, w] < threshold or len(chosen) == MOST_PLACES:
             break
-        probe, at = list(PROBES)[p // PLACES], int(p % PLACES)
+        name, at = list(PROBES)[p // PLACES], int(p % PLACES)
         near = [abs(at - a) <= 1 and _overlap(windows[w], windows[v]) for a, v in found]
         if any(near):
             continue
@@ -267,12 +230,12 @@ def _strongest(
             (int(frames[first]), int(frames[last - 1])),
             _phase(one.recording, first, last),
             float(gains[p, w]),
-            probe,
+            name,
             (float(sizes[p, w]),),
-            PROBES[probe],
+            PROBES[name],
         )
-        places.append(place)
-    return tuple(places)
+        chosen.append(place)
+    return tuple(chosen)
 
 
 def _overlap(one: tuple[int, int], other: tuple[int, int]) -> bool:
@@ -302,4 +265,4 @@ def _turned(q: Floats) -> float:
     return float((turns[:-1].inv() * turns[1:]).magnitude().sum())
 
 
-__all__ = ["PROBES", "Reversal", "Scan", "reversal", "scan"]
+__all__ = ["Reversal", "Scan", "reversal", "scan"]

@@ -11,7 +11,7 @@ import numpy as np
 
 from dlolib.diagnose.fitting import Fitted, hypothesis
 from dlolib.diagnose.residuals import amiss, explains
-from dlolib.diagnose.study import DiagnoseSettings, Point, Study, abrupt, library, stiffens
+from dlolib.diagnose.study import DiagnoseSettings, Point, Study, abrupt, library, placed, stiffens
 from dlolib.diagnose.tasks import (
     Task,
     Terms,
@@ -19,7 +19,6 @@ from dlolib.diagnose.tasks import (
     beginnings,
     coordinates,
     fit_first,
-    hints_of,
     promises,
     refit,
     settled,
@@ -27,6 +26,7 @@ from dlolib.diagnose.tasks import (
     task_without,
     terms_of,
 )
+from dlolib.diagnose.touch import touches
 from dlolib.diagnose.workers import Workers
 from dlolib.errors import SimulationError
 from dlolib.identify.identify import FIRST_STIFFNESS_M4_S2
@@ -103,23 +103,6 @@ def searched_again(study: Study, before: Searched, run: Workers) -> Searched:
     return Searched(elastic, _settled(study, models, elastic, run))
 
 
-def other_forms(
-    study: Study, searched: Searched, model: Fitted, settings: DiagnoseSettings, run: Workers
-) -> list[Fitted]:
-    """A model with one of its effects in another form, as far as the rest of it was fitted."""
-    fitted, have = {one.effects: one for one in (searched.baseline, *searched.models)}, terms_of(model)
-    tasks = []
-    for name, form in library(study, settings.without):
-        rest = fitted.get(tuple(other for other in model.effects if other != name))
-        if name in have and rest is not None and set(form) != set(have[name]):
-            hints = hints_of(study, rest)
-            tasks += beginnings(study, rest, terms_of(rest), name, form, hints, settings.starts)
-    found = [one for one in run(fit_first, tasks, "other forms") if one is not None]
-    near = [one for one in found if one.bic(study.frames) < model.bic(study.frames) + NEAR]
-    again = run(refit, [task_from(one) for one in near], "other forms, refined")
-    return run(settled, [one for one in again if one is not None], "other forms, settled")
-
-
 def _settled(study: Study, fits: Sequence[Fitted], baseline: Fitted, run: Workers) -> tuple[Fitted, ...]:
     """All models by BIC, those that gain and are near the best with a mesh's error that stands.
 
@@ -168,14 +151,20 @@ def _no_offsets(study: Study) -> tuple[Floats, ...]:
 
 
 def _singles(study: Study, baseline: Fitted, settings: DiagnoseSettings, run: Workers) -> list[Fitted]:
-    hints = hints_of(study, baseline)
-    tasks = [
-        task
-        for name, form in library(study, settings.without)
-        for task in beginnings(study, baseline, {}, name, form, hints, settings.starts)
-    ]
-    found = [one for one in run(fit_first, tasks, "effects") if one is not None]
+    found = [one for one in run(fit_first, _more_of(study, baseline, settings), "effects") if one is not None]
     return _refined(study, _nested(study, found, run), baseline, run, "effects")
+
+
+def _more_of(study: Study, at: Fitted, settings: DiagnoseSettings) -> list[Task]:
+    """Every other effect beside those of a model, from there."""
+    have = terms_of(at)
+    known = library(study, settings.without, tuple(have))
+    touched = touches(study, at) if any(placed(name) for name, _ in known) else []
+    return [
+        task
+        for name, form in known
+        for task in beginnings(study, at, have, name, form, touched, settings.starts)
+    ]
 
 
 def _nested(study: Study, found: Sequence[Fitted], run: Workers) -> list[Fitted]:
@@ -279,13 +268,7 @@ def _partners(study: Study, fewer: Fitted, settings: DiagnoseSettings, run: Work
     """Every other effect beside those of a model: screened by a linear step, the promising ones fitted, and
     those of which none tells: what sets in past a threshold, and, where it promises something from any
     stiffness, what a rope is too stiff for want of. In full, all of them beside one."""
-    hints = hints_of(study, fewer)
-    have = terms_of(fewer)
-    tasks = [
-        task
-        for name, form in library(study, settings.without, tuple(have))
-        for task in beginnings(study, fewer, have, name, form, hints, settings.starts)
-    ]
+    have, tasks = terms_of(fewer), _more_of(study, fewer, settings)
     beside = " and ".join(fewer.effects)
     told = run(promises, tasks, f"beside {beside}")
     tasks = [replace(task, promises=told) for task, told in zip(tasks, told, strict=True)]
@@ -362,4 +345,4 @@ def _near(study: Study, fits: Sequence[Fitted], baseline: Fitted, share: float =
     return [one for one in fits if one.bic(study.frames) < below]
 
 
-__all__ = ["Searched", "backed", "baseline", "other_forms", "search", "searched_again", "simulated_once"]
+__all__ = ["Searched", "backed", "baseline", "search", "searched_again", "simulated_once"]

@@ -18,7 +18,7 @@ from dlolib.identify.problem import axes
 from dlolib.sim.begun import STANDARD_GRAVITY_M_S2
 from dlolib.sim.continuum import refined
 from dlolib.sim.effects import EFFECTS, parameter
-from dlolib.sim.effects.base import Hint, forms, sizes
+from dlolib.sim.effects.base import Touch, forms, sizes
 from dlolib.sim.mesh import Mesh
 from dlolib.sim.moments import moments
 from dlolib.sim.poses import Model, model_of, near
@@ -202,17 +202,18 @@ class Study:
         """How long the longest recording lasts."""
         return max(float(np.ptp(one.recording.points.t_s)) for one in self.seen)
 
-    def starts(self, name: str, form: Sequence[str], hints: Sequence[Hint]) -> list[dict[str, float]]:
+    def starts(self, name: str, form: Sequence[str], touches: Sequence[Touch]) -> list[dict[str, float]]:
         """Where fits of an effect may begin: every combination of its parameters' starts, also with its sizes
         neutral, where a linear step tells what a little of it would gain.
 
-        An effect whose place no grid can cover begins where the rope is off (its `guess`).
+        An effect whose place no grid can cover begins where something seems to touch the rope (its `guess`).
         """
         effect = EFFECTS[name]
         places: list[dict[str, float]] = [{}]
         if hasattr(effect, "guess"):
-            radius = self.seen[0].recording.rope.radius_m
-            places = [guess for hint in hints for guess in effect.guess(hint, radius)]
+            places = [effect.guess(touch) for touch in touches]
+            if not places:
+                return []
         grids = {part: self._grid(f"{name}.{part}") for part in form if part not in places[0]}
         neutral = {part: parameter(f"{name}.{part}").neutral for part in grids if part in sizes(effect)}
         absent = {part: [value] for part, value in neutral.items() if np.isfinite(value)}
@@ -358,6 +359,11 @@ def abrupt(effect: str) -> bool:
 def stiffens(effect: str) -> bool:
     """Whether a rope comes out too stiff without it."""
     return getattr(EFFECTS[effect], "STIFFENS", False)
+
+
+def placed(effect: str) -> bool:
+    """Whether it has a place in space, which no grid can cover."""
+    return hasattr(EFFECTS[effect], "guess")
 
 
 def has_sides(effect: str) -> bool:

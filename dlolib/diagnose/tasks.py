@@ -18,20 +18,18 @@ from dlolib.diagnose.fitting import (
     mesh_error,
     promise,
 )
-from dlolib.diagnose.study import Point, Study, stiffens
+from dlolib.diagnose.study import Point, Study, placed, stiffens
 from dlolib.errors import SimulationError
 from dlolib.identify.parameters import Unknown
 from dlolib.identify.problem import axes
 from dlolib.sim.continuum import MOST_CORRECTIONS
 from dlolib.sim.effects import parameter
-from dlolib.sim.effects.base import Hint
-from dlolib.types import Floats, Recording
+from dlolib.sim.effects.base import Touch
+from dlolib.types import Floats
 
 Terms = dict[str, tuple[str, ...]]
-# Blocks of the rope in which it may be off, and of the frames, long ones and brief ones (a rope that passes
-# something touches it for a few frames), and from how many of each a fit may begin: of brief ones noise alone
-# is off in many.
-ROPE_BLOCKS, FRAME_BLOCKS = 8, ((8, 6), (32, 12))
+# So many times as many starts are fitted where a place is sought in space: linear steps tell little of those.
+BLIND = 2
 # Evaluations of a fit before it is asked whether another start leads to one better by this in χ²; the share
 # of χ² at which a first fit's steps end.
 ROUGH, AHEAD, FIRST_TOLERANCE = 6, 10.0, 1e-5
@@ -83,7 +81,13 @@ def task_without(one: Fitted, left: str) -> Task:
 
 
 def beginnings(
-    study: Study, at: Fitted, have: Terms, name: str, form: tuple[str, ...], hints: Sequence[Hint], best: int
+    study: Study,
+    at: Fitted,
+    have: Terms,
+    name: str,
+    form: tuple[str, ...],
+    touches: Sequence[Touch],
+    best: int,
 ) -> list[Task]:
     """One more effect beside those of a fitted model, from there; `best` of its starts are fitted in full.
 
@@ -91,14 +95,15 @@ def beginnings(
     a fit from there wins: then each stiffness is a task of its own.
     """
     effect = [
-        {Unknown(part): value for part, value in start.items()} for start in study.starts(name, form, hints)
+        {Unknown(part): value for part, value in start.items()} for start in study.starts(name, form, touches)
     ]
     starts = [
         [{**at.point, **stiffness, **start} for start in effect]
         for stiffness in study.beginnings(at.point, name)
     ]
     groups = starts if stiffens(name) else [[start for some in starts for start in some]]
-    return [Task({**have, name: form}, tuple(some), at.offsets_m, best) for some in groups]
+    most = best * (BLIND if placed(name) else 1)
+    return [Task({**have, name: form}, tuple(some), at.offsets_m, most) for some in groups]
 
 
 def coordinates(unknowns: Sequence[Unknown], start: Point) -> Floats:
@@ -207,35 +212,6 @@ def as_it_was(study: Study, task: Task) -> Fitted | None:
         return None
 
 
-def hints_of(study: Study, at: Fitted) -> list[Hint]:
-    """Where the rope is most off, in blocks of frames and rope of the recordings."""
-    places, offs = [], []
-    for k, one in enumerate(study.seen):
-        simulated = one.model.predict(study.rod(k, at.values(k))).xyz_m + at.offsets_m[k]
-        # where an axis was not seen the rope lies as it is simulated, and is not off
-        places.append(simulated.copy())
-        places[-1][:, axes(one.model)] = one.recording.points.xyz_m[:, axes(one.model)]
-        offs.append(places[-1] - simulated)
-    hints = []
-    for blocks, many in FRAME_BLOCKS:
-        found = []
-        for one, xyz_m, off_m in zip(study.seen, places, offs, strict=True):
-            number = _blocks(one.recording, blocks)
-            for mine in (number == some for some in np.unique(number)):
-                mean = off_m[mine].mean(axis=0)
-                found.append((float(mean @ mean) * mine.sum(), Hint(xyz_m[mine].mean(axis=0), mean)))
-        hints += [hint for _, hint in sorted(found, key=lambda h: -h[0])[:many]]
-    return hints
-
-
-def _blocks(recording: Recording, count: int) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
-    """The block (P,) of each point, where so many follow each other in time."""
-    frame = np.unique(recording.points.frame, return_inverse=True)[1]
-    share = recording.points.s_m / recording.rope.length_m
-    part = np.minimum(share * ROPE_BLOCKS, ROPE_BLOCKS - 1).astype(int)
-    return np.asarray(frame * count // (frame.max() + 1) * ROPE_BLOCKS + part)
-
-
 __all__ = [
     "Promise",
     "Task",
@@ -244,7 +220,6 @@ __all__ = [
     "beginnings",
     "coordinates",
     "fit_first",
-    "hints_of",
     "promises",
     "refit",
     "settled",

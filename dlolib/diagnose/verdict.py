@@ -38,15 +38,15 @@ NEXT = "next_motion.csv"
 class Found:
     """All that a verdict is made of.
 
-    noise: of the first recording, and where it comes from. forms: the winner with its effects in their other
-    forms. foretold: what contenders, by their effects, leave of the held-out frames.
+    noise: of the first recording, and where it comes from. others: the winner with its effects in other
+    forms, or elsewhere. foretold: what contenders, by their effects, leave of the held-out frames.
     """
 
     study: Study
     noise: NoiseTold
     searched: Searched
     decision: Decision
-    forms: tuple[Fitted, ...]
+    others: tuple[Fitted, ...]
     scans: tuple[Scan, ...]
     detectable: tuple[Detectable, ...]
     foretold: Mapping[tuple[str, ...], Foretold]
@@ -111,7 +111,7 @@ def _rmse(study: Study, model: Fitted) -> float:
 def _beside(found: Found) -> Alternatives:
     """What may be right in the winner's place."""
     base = found.searched.baseline
-    return Alternatives(base, (base, *found.searched.models, *found.forms))
+    return Alternatives(base, (base, *found.searched.models, *found.others))
 
 
 def _quality(found: Found, model: Fitted, beside: Alternatives | None = None) -> Quality:

@@ -8,7 +8,8 @@ import numpy as np
 import pandas as pd
 
 from dlolib.diagnose.diagnose import Diagnosis
-from dlolib.diagnose.locate import PROBES, Scan
+from dlolib.diagnose.locate import Scan
+from dlolib.diagnose.probes import PROBES
 from dlolib.diagnose.verdict import NEXT
 from dlolib.files import write_csv, write_json
 from dlolib.formats import write_motion, write_verdict

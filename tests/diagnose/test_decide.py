@@ -141,10 +141,17 @@ def test_whatever_may_be_named_or_stand_for_the_wrong_one_is_compared_on_held_ou
     models = sorted([load, length, *pairs, *worse, wrong], key=lambda one: one.bic(FRAMES))
     assert load not in models[:COMPARED]
     found = contenders(STUDY, Searched(base, tuple(models)), DiagnoseSettings())
-    assert all(
-        any(one is other for other in found) for one in (base, *models[:COMPARED], load, length, wrong)
-    )
-    assert len(found) < COMPARED + 6
+    # what is far behind may foretell so much better that it ties
+    asked = (base, *models[:COMPARED], load, length, worse[0], wrong)
+    assert all(any(one is other for other in found) for one in asked)
+    assert len(found) < 2 * COMPARED + 6
+
+
+@pytest.mark.parametrize("gain, status", [(30.0, "no_mismatch"), (40.0, "explained")])
+def test_what_may_be_anywhere_gains_more_than_chance_would_at_one_place(gain, status):
+    """Of four parameters 30 in χ² are beyond chance where no place is sought."""
+    for effect, told in (("hidden_obstacle", status), ("mass_profile", "explained")):
+        assert decided(left((effect,), 0.0, 4), base=gain).status == told
 
 
 def test_models_as_good_tie():

@@ -11,15 +11,14 @@ from scipy.spatial.transform import Rotation
 from sim.ropes import EI, GJ, GRAVITY, LEVEL, ROPE
 
 from dlolib.diagnose.locate import (
-    PROBES,
     _beyond,
     _gains,
     _left_by_meshes,
     _pairs,
     _phase,
-    _probe,
     _windows,
 )
+from dlolib.diagnose.probes import PROBES, probe
 from dlolib.errors import SimulationError
 from dlolib.sim.rod import Rod, setup
 from dlolib.sim.scene import LOAD, REST, STIFFNESS
@@ -65,21 +64,21 @@ def test_the_windows_are_all_frames_and_parts_of_them_half_over_each_other() -> 
     assert all(0 <= a < b <= 16 for a, b in windows)
 
 
-@pytest.mark.parametrize("probe", PROBES)
-def test_a_probe_changes_one_place_by_its_size(probe: str) -> None:
+@pytest.mark.parametrize("name", PROBES)
+def test_a_probe_changes_one_place_by_its_size(name: str) -> None:
     made = setup(Rod(ROPE, EI, GJ, particles=46), GRAVITY, Ends())
-    up, down, size = _probe(made, probe, 0.2, 0.05)
+    up, down, size = probe(made, name, 0.2, 0.05)
     particles = cast(np.ndarray, up.particles - down.particles)
     joints = cast(np.ndarray, up.joints - down.joints)
     place_m = np.sum(made.joint_arc_m(), axis=0) / 2
-    if probe.startswith("force"):
+    if name.startswith("force"):
         load = particles[:, LOAD : LOAD + 3]
-        assert load.sum(axis=0) == pytest.approx(size * np.eye(3)["xyz".index(probe[-1])], abs=1e-12)
+        assert load.sum(axis=0) == pytest.approx(size * np.eye(3)["xyz".index(name[-1])], abs=1e-12)
         assert load.sum(axis=1) @ made.arc_m == pytest.approx(0.2 * size, rel=1e-3)
         assert not joints.any()
         return
-    columns = slice(STIFFNESS, REST) if probe == "stiffness" else REST + int(probe[-1]) - 1
-    share = joints[:, columns] / (made.joints[:, columns] if probe == "stiffness" else 1.0) / size
+    columns = slice(STIFFNESS, REST) if name == "stiffness" else REST + int(name[-1]) - 1
+    share = joints[:, columns] / (made.joints[:, columns] if name == "stiffness" else 1.0) / size
     near = np.abs(place_m - 0.2) < 0.05
     assert 0.8 < share.max() <= 1.0 and share[near].min() > 0 and not share[~near].any()
     assert not particles.any()

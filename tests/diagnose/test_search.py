@@ -132,7 +132,7 @@ def test_what_no_linear_step_foretells_is_fitted_all_the_same(monkeypatch: pytes
         return [(Promise(7000.0 if "end_twist" in job.terms else 9999.0, np.zeros(1)),) for job in jobs]
 
     monkeypatch.setattr(search, "library", lambda *_: found)
-    monkeypatch.setattr(search, "hints_of", lambda *_: [])
+    monkeypatch.setattr(search, "touches", lambda *_: [])
     monkeypatch.setattr(search, "beginnings", beginning)
     monkeypatch.setattr(search, "_refined", lambda study, fits, *_: fits)
     inert = fitted(8000.0, ("inertia_drag",), ("drag",))

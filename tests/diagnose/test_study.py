@@ -151,36 +151,6 @@ def test_what_a_rope_is_too_stiff_for_want_of_is_fitted_from_every_stiffness(stu
     assert len(found["mass_profile"]) == 1
 
 
-def test_a_fit_begins_where_the_rope_is_off_for_two_frames(study):
-    """As one that touches something in passing: the mean over an eighth of the frames is the noise's."""
-    (seen,) = study.seen
-    points = seen.recording.points
-    frames = np.unique(points.frame)
-    middle = 0.5 * seen.recording.rope.length_m
-    brief = np.isin(points.frame, frames[20:22]) & (np.abs(points.s_m - middle) < 0.06)
-    xyz = points.xyz_m + 0.004 * brief[:, None] * [0.0, 1.0, 0.0]
-    moved = replace(seen.recording, points=replace(points, xyz_m=xyz))
-    off = replace(study, seen=(replace(seen, model=replace(seen.model, recording=moved)),))
-    hints = tasks.hints_of(off, baseline(study))
-    there = points.xyz_m[brief].mean(axis=0)
-    near = [one for one in hints if np.linalg.norm(one.place_m - there) < 0.05 and one.off_m[1] > 0.003]
-    assert near
-
-
-def test_where_only_a_plane_was_seen_the_rope_is_off_in_it_alone(study):
-    """Whatever stands in the axis that nobody saw."""
-    (seen,) = study.seen
-    points = seen.recording.points
-    xyz = points.xyz_m + np.array([0.0, 0.1, 0.004])
-    planar = replace(seen.recording, planar="xz", points=replace(points, xyz_m=xyz))
-    off = replace(study, seen=(replace(seen, model=replace(seen.model, recording=planar)),))
-    hints = tasks.hints_of(off, baseline(study))
-    assert hints
-    for hint in hints:
-        assert hint.off_m[1] == 0.0 and abs(hint.off_m[2]) > 0.003
-        assert np.abs(points.xyz_m - hint.place_m)[:, 1].min() < 0.03
-
-
 def test_a_finer_mesh_that_snaps_elsewhere_tells_no_error_of_the_mesh(study, monkeypatch):
     found = baseline(study)
     for moved_m, taken in ((0.001, True), (0.1, False)):

@@ -68,8 +68,8 @@ class Effect(Protocol):
     sets of parameters that occur together (`forms`); `SIZES`, those that say how large it is (`sizes`);
     `STIFFENS`: without it a rope comes out too stiff, so that fits begin at softer ones, too; `SIDED`: the
     rope is not alike all round, so that its roll matters; `OF_RECORDING`: it belongs to one recording, to how
-    it was held and seen, and goes with no rope to another place; and `guess(hint, radius_m)`, values from
-    which a fit may begin where the rope is off as the `Hint` says. A law may have `REMEMBERS`: what happened
+    it was held and seen, and goes with no rope to another place; and `guess(touch)`, values from which
+    a fit may begin where something seems to `Touch` the rope. A law may have `REMEMBERS`: what happened
     before the recording shows in it (`prior_history`); `IDEAL`: it has a form that no real rope has to the
     last digit; `ABRUPT`: it sets in past a threshold, and no linear step foretells what it would gain;
     `RELAXES`: which of its two coefficients is the time in which its moment fades at rest; `FORGETS`: it has
@@ -124,11 +124,11 @@ class Law(Protocol):
 
 
 @dataclass(frozen=True)
-class Hint:
-    """Where the rope was seen, (3,) [m], and how far that is from where a rod without the effect has it."""
+class Touch:
+    """A sphere that may have been in the rope's way, its centre (3,) and radius [m]."""
 
-    place_m: Floats
-    off_m: Floats
+    center_m: Floats
+    radius_m: float
 
 
 @dataclass(frozen=True)

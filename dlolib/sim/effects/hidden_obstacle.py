@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dlolib.sim.effects.base import Hint, Parameter, Setup
+from dlolib.sim.effects.base import Parameter, Setup, Touch
 from dlolib.sim.shapes import pack
 from dlolib.types import Obstacle
 
@@ -31,10 +31,6 @@ def apply(setup: Setup, values: Mapping[str, float]) -> Setup:
     return replace(setup, obstacles=np.concatenate([setup.obstacles, row]))
 
 
-def guess(hint: Hint, radius_m: float) -> list[dict[str, float]]:
-    """Spheres that push the rope's axis from the other side of where it is off; `radius_m` is the rope's."""
-    way = hint.off_m / np.linalg.norm(hint.off_m)
-    centres = [(hint.place_m - (radius + radius_m) * way, radius) for radius in (0.01, 0.03)]
-    return [
-        dict(zip(("x", "y", "z", "radius"), (*centre, radius), strict=True)) for centre, radius in centres
-    ]
+def guess(touch: Touch) -> dict[str, float]:
+    """That sphere."""
+    return dict(zip(("x", "y", "z", "radius"), (*touch.center_m, touch.radius_m), strict=True))
