@@ -22,7 +22,8 @@ from dlolib.sim.effects.base import Touch
 from dlolib.sim.poses import Model
 from dlolib.types import Floats, Points
 
-# Spheres that are tried: so large, so deep in the rope [m], on so many sides of it, in so many frames.
+# Spheres that are tried: so large, so deep in the rope [m], on so many sides of it, in so many frames of
+# all recordings.
 RADII_M, DEPTHS_M, SIDES, FRAMES = (0.005, 0.02), (0.001, 0.003, 0.009, 0.02), 12, 24
 # But no deeper than this share of the way to its axis, where a sphere has no side.
 DEEPEST = 0.9
@@ -57,7 +58,8 @@ def touches(study: Study, at: Fitted) -> list[Touch]:
     except SimulationError:
         return []
     radius_m = study.seen[0].recording.rope.radius_m
-    spheres = np.concatenate([_spheres(each, radius_m) for each in pushed])
+    frames = -(-FRAMES // len(pushed))
+    spheres = np.concatenate([_spheres(each, radius_m, frames) for each in pushed])
     gains = sum((_gains(each, spheres, radius_m) for each in pushed), np.zeros(len(spheres)))
     best: list[Floats] = []
     for sphere in spheres[np.argsort(-gains, kind="stable")]:
@@ -104,11 +106,11 @@ def _evenly(one: Seen) -> Model:
     return replace(one.model, recording=replace(one.recording, points=even))
 
 
-def _spheres(pushed: _Pushed, radius_m: float) -> Floats:
+def _spheres(pushed: _Pushed, radius_m: float, most: int) -> Floats:
     """Spheres (M, 4), centre and radius [m], into which the rope dips a little, all round it and along its
-    way."""
+    way, in so many frames at most."""
     count = len(pushed.x_m)
-    x_m = pushed.x_m[np.linspace(0, count - 1, min(count, FRAMES)).astype(int)]
+    x_m = pushed.x_m[np.linspace(0, count - 1, min(count, most)).astype(int)]
     x_m = x_m.reshape(len(x_m), PLACES, FINER, 3)
     tangent = x_m[:, :, -1] - x_m[:, :, 0]
     tangent /= np.linalg.norm(tangent, axis=-1, keepdims=True)
