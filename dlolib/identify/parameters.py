@@ -62,7 +62,7 @@ class Unknown:
         if self.stiffness:
             return -np.inf, np.inf
         known = parameter(self.name)
-        return self.inward(known.low), self.inward(known.high)
+        return self.inward(known.low), self.inward(min(known.high, known.fitted))
 
     def inward(self, value: float) -> float:
         """From the parameter to the fit's coordinate."""

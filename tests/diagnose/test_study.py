@@ -59,6 +59,12 @@ def test_no_branch_relaxes_slower_than_the_recording_lasts(study):
     assert low < high
 
 
+def test_no_wall_is_fitted_that_could_guide_the_rope_anywhere_though_one_may_be_set(study):
+    radius = Unknown("hidden_obstacle.radius")
+    assert study.bounds(radius) == radius.bounds == (0.0, 0.1)
+    assert study.rod(0, {"bending_stiffness": EI, radius.name: 0.5}).value(radius.name) == 0.5
+
+
 def test_the_longest_recording_bounds_what_a_branch_may_take(study):
     """What fades in a long one is no less real for a short one that begins the study."""
     one = study.seen[0]

@@ -36,7 +36,7 @@ class Parameter:
         unit: SI; empty for a ratio.
         says: what it is, for a person.
         neutral: the value at which the effect is not there, to the last bit.
-        low, high: bounds within which it may be fitted.
+        low, high: bounds within which it may be set.
         scale: a change of it that counts as one.
         starts: where a fit begins, if it is to try several.
         along: "rope" or "motion" where it is a place or a time: `starts` are then shares of the rope's length
@@ -46,6 +46,7 @@ class Parameter:
         end: "start" or "end" where it belongs to how that end is held, so that a free one has none of it.
         difference: how far a derivative looks to either side, in units of the scale; less where the parameter
             moves a contact, whose force sets in within microns.
+        fitted: a fit goes no further up, though more may be set.
     """
 
     name: str
@@ -59,6 +60,7 @@ class Parameter:
     difference: float = 1e-4
     along: Literal["", "rope", "motion", "bend", "duration"] = ""
     end: Literal["", "start", "end"] = ""
+    fitted: float = np.inf
 
 
 class Effect(Protocol):

@@ -14,9 +14,14 @@ from dlolib.types import Obstacle
 NAME = "hidden_obstacle"
 SAYS = "the rope touches something that was not recorded"
 OF_RECORDING = True
+# A larger one would be no thing that the rope touches but a wall along which it lies, which could guide
+# it anywhere. Where a wall is touched in one place a sphere of this size is as flat as the rope can tell.
+LARGEST_M = 0.1
 PARAMETERS = (
     *(Parameter(axis, "m", f"{axis} of its centre", 0.0, -10.0, 10.0, 0.005, (), 1e-6) for axis in "xyz"),
-    Parameter("radius", "m", "its radius, without the rope's", 0.0, 0.0, 1.0, 0.005, (0.02,), 1e-6),
+    Parameter(
+        "radius", "m", "its radius, without the rope's", 0.0, 0.0, 1.0, 0.005, (0.02,), 1e-6, fitted=LARGEST_M
+    ),
 )
 # How large it must be to be seen depends on where it is.
 SIZES: tuple[str, ...] = ()
