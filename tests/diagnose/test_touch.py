@@ -15,7 +15,7 @@ from dlolib.diagnose.diagnose import raw_study
 from dlolib.diagnose.search import baseline
 from dlolib.diagnose.study import Study, acting_only
 from dlolib.diagnose.tasks import beginnings, fit_first
-from dlolib.diagnose.touch import FINER, _gains, _Pushed, touches
+from dlolib.diagnose.touch import FINER, PLACES, _gains, _Pushed, _spheres, touches
 from dlolib.errors import SimulationError
 from dlolib.identify.identify import FIRST_STIFFNESS_M4_S2
 from dlolib.types import Recording
@@ -86,6 +86,25 @@ def test_where_only_a_plane_was_seen_a_sphere_is_found_in_it() -> None:
 
 def _toward(way: np.ndarray) -> np.ndarray:
     return np.asarray(way / np.linalg.norm(way))
+
+
+def test_spheres_dip_into_the_rope_all_round_it_and_not_to_its_axis() -> None:
+    """Of a straight rope that goes up: as deep as is tried, where a small sphere can be."""
+    x_m = np.zeros((3, PLACES * FINER, 3))
+    x_m[:, :, 0] = np.arange(PLACES * FINER) / 100
+    x_m[:, :, 2] = np.arange(3)[:, None]
+    none = np.zeros((3, PLACES, 3))
+    told = _spheres(_Pushed(x_m, none, none, none, none), ROPE.radius_m, 2)
+    told = told.reshape(2, PLACES, touch.SIDES, -1, 4)
+    away = told[..., :3] - x_m[[0, 2], FINER // 2 :: FINER][:, :, None, None]
+    reach = told[..., 3] + ROPE.radius_m
+    depth = reach - np.linalg.norm(away, axis=-1)
+    tried = np.sort(np.unique(np.round(depth, 9)))
+    small = touch.DEEPEST * (min(touch.RADII_M) + ROPE.radius_m)
+    assert tried == pytest.approx(sorted({min(d, small) for d in touch.DEPTHS_M} | set(touch.DEPTHS_M)))
+    assert np.all(depth <= touch.DEEPEST * reach + 1e-12)
+    assert away[..., 0] == pytest.approx(0.0)
+    assert away.sum(axis=2) == pytest.approx(0.0)
 
 
 def test_a_spheres_gain_is_that_of_the_springs_that_it_presses() -> None:
