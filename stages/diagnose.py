@@ -28,13 +28,7 @@ def main(name: str, path: str) -> None:
 
 def settings() -> DiagnoseSettings:
     """The blocks `rod` and `diagnose` as the diagnosis takes them."""
-    rod, block = load_block(Rod), load_block(Diagnose)
-    return DiagnoseSettings(
-        **{**block.model_dump(), "without": tuple(block.without)},
-        particles=rod.particles,
-        longest_segment_m=rod.longest_segment_m,
-        time_step_s=rod.time_step_s,
-    )
+    return DiagnoseSettings(**load_block(Diagnose).settings(load_block(Rod)))
 
 
 if __name__ == "__main__":

@@ -30,16 +30,7 @@ def main(name: str, path: str) -> None:
 
 def settings() -> IdentifySettings:
     """The blocks `rod` and `identify` as identification takes them."""
-    rod, block = load_block(Rod), load_block(Identify)
-    return IdentifySettings(
-        particles=rod.particles,
-        longest_segment_m=rod.longest_segment_m,
-        time_step_s=rod.time_step_s,
-        sweeps=rod.sweeps if rod.solver == "iterative" else None,
-        parameters=None if block.parameters is None else tuple(block.parameters),
-        iterations=block.iterations,
-        heldout_share=block.heldout_share,
-    )
+    return IdentifySettings(**load_block(Identify).settings(load_block(Rod)))
 
 
 def _paper(name: str, recording: Recording) -> Descended | None:

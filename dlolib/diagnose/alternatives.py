@@ -73,7 +73,7 @@ def _apart(fits: Sequence[Fitted], model: Fitted) -> list[Fitted]:
 
 
 def _one_optimum(one: Fitted, other: Fitted) -> bool:
-    """Whether two fits of the same parameters differ by no more than either is unsure of."""
+    """Whether a fit differs from another of the same parameters by no more than it is unsure of."""
     theirs = dict(zip(other.unknowns, other.theta, strict=True))
     apart = np.abs(one.theta - [theirs[unknown] for unknown in one.unknowns])
     return bool(np.all(apart <= SAME * np.sqrt(np.diag(one.covariance))))

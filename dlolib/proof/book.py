@@ -17,7 +17,7 @@ from dlolib.files import write_csv
 RUNS, SAME = "runs.csv", "same.json"
 # What `dlo diagnose` is made of: all that `dlolib.diagnose` imports, the command, and its figures.
 PARTS = (
-    "dlolib/cli.py",
+    "dlolib/cli",
     "dlolib/diagnose",
     "dlolib/errors.py",
     "dlolib/files.py",

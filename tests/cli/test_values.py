@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import pytest
 
-from dlolib.cli_values import parse_values, rope_values
+from dlolib.cli.values import parse_values
 from dlolib.errors import ParameterError
+from dlolib.rope_values import rope_values
 from dlolib.types import PER_DENSITY, Estimate, Fit, Rope
 
 WEIGHED, UNWEIGHED = Rope("rope", 0.445, 0.008, 0.04), Rope("rope", 0.445)
