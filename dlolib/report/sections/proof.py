@@ -92,8 +92,9 @@ def _words(proof: Mapping[str, Any]) -> Paragraph:
     drawn = proof["drawn"]
     if drawn["alone"]:
         least, most = min(drawn["alone"].values()), max(drawn["alone"].values())
+        times = f"{least} to {most} times" if most > least else f"{most} times" if most > 1 else "once"
         text += (
-            f" {len(drawn['alone'])} effects were drawn alone, {least} to {most} times each (asked for 6), "
+            f" {len(drawn['alone'])} effects were drawn alone, {times} each (asked for 6), "
             f"and {drawn['pairs']} pairs of {drawn['combinations']} combinations (60 of 30)."
         )
     whole = len(proof["shards_of_intervals"])
@@ -120,7 +121,8 @@ def _words(proof: Mapping[str, Any]) -> Paragraph:
 def _where(bias: Mapping[str, Any]) -> str:
     """What is left of EI's error, by how large it was."""
     told = [(100 * one["without_more_than"], one["recordings"], one["ratio"]) for one in bias["where"]]
-    return "; ".join(f"{fixed(more, 0)} % ({of} recordings) {fixed(ratio, 2)}" for more, of, ratio in told)
+    counted = [(more, f"{of} recording{'s' if of > 1 else ''}", ratio) for more, of, ratio in told]
+    return "; ".join(f"{fixed(more, 0)} % ({of}) {fixed(ratio, 2)}" for more, of, ratio in counted)
 
 
 def _beside(results: Results, file: str, keys: list[str], label: str, goal: str) -> tuple[str, ...]:
