@@ -120,6 +120,13 @@ proof-screen: COUNT = 12
 proof-screen: .venv/installed ## what the screen of pairs misses, on COUNT=12 recordings of the calibration of SEED=1
 	@python -m stages.proof_screen --seed "$(SEED)" --count "$(COUNT)"
 
+.PHONY: proof-touch
+proof-touch: SEED = 1
+proof-touch: COUNT = 20
+proof-touch: NULLS = 60
+proof-touch: .venv/installed ## how hidden obstacles are found in COUNT=20 recordings, and by chance in NULLS=60 (an hour)
+	@python -m stages.proof_touch --seed "$(SEED)" --count "$(COUNT)" --nulls "$(NULLS)"
+
 .PHONY: proof-images
 proof-images: COUNT = 40
 proof-images: .venv/installed ## COUNT=40 recordings as of the proof, but from rendered depth images (2 hours)
