@@ -142,7 +142,9 @@ def main() -> None:
 def _converges(found: cases.Shapes) -> str:
     errors = dict(zip(found.particles, 100 * found.error, strict=True))
     listed = ", ".join(f"{error:.2g} %" for error in errors.values())
-    return f"{listed} of the length at n = {', '.join(map(str, errors))}; order {found.order[0]:.2f}"
+    first, second = found.particles[:2]
+    order = f"order {found.order[0]:.2f} from n = {first} to {second}"
+    return f"{listed} of the length at n = {', '.join(map(str, errors))}; {order}"
 
 
 def _off(found: float, theory: float, words: str) -> str:
