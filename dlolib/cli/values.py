@@ -38,7 +38,8 @@ def parse_values(given: Sequence[str]) -> dict[str, float]:
 
 
 def parse_effects(given: Sequence[str]) -> dict[str, float]:
-    """`NAME:PARAM=VALUE,PARAM=VALUE` by `NAME.PARAM`; NAME alone stands for its parameters' usual values.
+    """`NAME:PARAM=VALUE,PARAM=VALUE` by `NAME.PARAM`; NAME alone stands for usual
+    values, where the effect has such.
 
     Raises:
         ParameterError: an unknown effect or parameter or one given twice, text in a number's place, or a

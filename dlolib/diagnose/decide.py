@@ -24,7 +24,7 @@ MOST_TIED = 3
 # was decided; a figure shows as many.
 COMPARED = 10
 # With nothing there, the best of all places in space gains what chance would at one of so many: set on 60
-# recordings of the proof's laboratory with nothing missing, whose seeds no proof has.
+# recordings of the proof's laboratory with nothing missing, whose seeds no proof has (`make proof-touch`).
 ANYWHERE = 100
 # What an ideal law leaves because the rope's is of another form, as a share of what it explains, at most.
 OFF = 0.01
