@@ -40,8 +40,9 @@ def rope_values(rope: Rope, name: str, fit: Fit | None, values: Mapping[str, flo
     for key, estimate in _stored(fit, name):
         _check_stored(key, estimate.value)
         if key in STIFFNESSES and rope.linear_density_kg_m is None:
-            problem = f"{key} is in {estimate.unit}, but the density of {rope.name} is not known"
-            raise ParameterError(problem, place="--fit", mend="give --set linear_density=VALUE")
+            problem = f"the stored {key} is in {estimate.unit}, but the density of {rope.name} is not known"
+            mend = "give its linear_density_kg_m there, or, where a command has it, --set linear_density"
+            raise ParameterError(problem, place=name, mend=mend)
         of_density = key.endswith(RATIO) or estimate.unit.endswith(PER_DENSITY)
         ratio = (rope.linear_density_kg_m or 1.0) if of_density else 1.0
         known = key.removesuffix(RATIO)

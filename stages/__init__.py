@@ -70,14 +70,15 @@ def known(given: Sequence[str], names: Iterable[str], what: str) -> None:
             raise ParameterError(f"there is no {what} {one}", mend=f"give some of {', '.join(among)}")
 
 
-def number(text: str, what: str) -> int:
+def number(text: str, what: str, least: int = 0) -> int:
     """A count from the command line.
 
     Raises:
-        ParameterError: it is none.
+        ParameterError: it is none, or too few: their result would replace one of many.
     """
-    if not text.isdecimal():
-        raise ParameterError(f"{what} is {text}", mend=f"give {what} as a whole number")
+    if not text.isdecimal() or int(text) < least:
+        from_least = f" from {least} on" if least else ""
+        raise ParameterError(f"{what} is {text}", mend=f"give {what} as a whole number{from_least}")
     return int(text)
 
 

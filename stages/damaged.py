@@ -23,7 +23,7 @@ def main(count: str, seed: str = str(SEED)) -> None:
     from captures.harmed import draw  # type: ignore[import-not-found]
     from captures.judge import Bench  # type: ignore[import-not-found]
 
-    many, drawn = number(count, "COUNT"), number(seed, "SEED")
+    many, drawn = number(count, "COUNT", 1), number(seed, "SEED")
     tally: dict[str, Counter[str]] = {}
     faults = []
     with tempfile.TemporaryDirectory() as folder:

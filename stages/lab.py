@@ -43,4 +43,4 @@ def stay_off(source: str) -> None:
 
 
 if __name__ == "__main__":
-    run(main)
+    run(main, *sys.argv[1:])

@@ -28,7 +28,7 @@ from dlolib.proof.draw import draw_names
 from dlolib.proof.pictures import write_pictures
 from dlolib.proof.score import score, summarise
 from dlolib.proof.write import write_case
-from stages import run
+from stages import number, run
 from stages.proof import (
     BOOK,
     COMMAND,
@@ -55,6 +55,7 @@ def main(*arguments: str) -> None:
     )
     options.add_argument("--command", default=COMMAND, help="what diagnoses, as in stages.proof")
     asked = options.parse_args(arguments)
+    number(str(asked.count), "COUNT", 1)
     # what is drawn depends on the count
     folder = own_folder("images", *EYES) / str(asked.count)
     seed = seed_of(folder)

@@ -28,7 +28,7 @@ from dlolib.proof.sizes import NAMES
 from dlolib.proof.write import write_case
 from dlolib.sim.effects import EFFECTS, parameter
 from dlolib.sim.effects.base import forms, sizes
-from stages import run
+from stages import number, run
 from stages.proof import BOOK, COMMAND, WORKERS, diagnose, made_by, own_folder, seed_of, verdict_in
 
 
@@ -37,6 +37,7 @@ def main(*arguments: str) -> None:
     options.add_argument("--count", type=int, default=100, help="recordings")
     options.add_argument("--command", default=COMMAND, help="what diagnoses, as in stages.proof")
     asked = options.parse_args(arguments)
+    number(str(asked.count), "COUNT", 1)
     folder = own_folder("sizes")
     seed = seed_of(folder)
     with ThreadPoolExecutor(WORKERS) as pool:

@@ -25,7 +25,7 @@ from dlolib.formats import read_recording
 from dlolib.progress import track
 from dlolib.proof.score import PLACE_M, share
 from dlolib.sim.effects import EFFECTS
-from stages import run
+from stages import number, run
 from stages.proof import BOOK, WORK, WORKERS, called, made_by, make
 
 EFFECT = "hidden_obstacle"
@@ -38,6 +38,8 @@ def main(*arguments: str) -> None:
     options.add_argument("--count", type=int, default=20, help="recordings with a hidden obstacle alone")
     options.add_argument("--nulls", type=int, default=60, help="recordings with nothing missing")
     asked = options.parse_args(arguments)
+    number(str(asked.count), "COUNT", 1)
+    number(str(asked.nulls), "NULLS", 1)
     touched = _diagnosed("touched", asked.seed, [(EFFECT,)] * asked.count)
     free = _diagnosed("free", asked.seed, [()] * asked.nulls)
     made = made_by(f"make proof-touch SEED={asked.seed} COUNT={asked.count} NULLS={asked.nulls}")

@@ -65,7 +65,7 @@ class Drawn:
 
 
 def main(count: str) -> None:
-    asked = number(count, "COUNT")
+    asked = number(count, "COUNT", 1)
     with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
         every = list(track(pool.map(outcome, range(asked), chunksize=10), "robustness", total=asked))
     found = summary(every)

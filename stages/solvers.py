@@ -7,6 +7,7 @@ Each solver then simulates that rope, and is asked which EI fits its recording b
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, replace
 from typing import Any
@@ -177,4 +178,4 @@ def _name(one: dict[str, Any]) -> str:
 
 
 if __name__ == "__main__":
-    run(main)
+    run(main, *sys.argv[1:])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -243,4 +244,4 @@ def _line(axes: Axes, x: np.ndarray, found: np.ndarray, theory: np.ndarray) -> N
 
 
 if __name__ == "__main__":
-    run(main)
+    run(main, *sys.argv[1:])

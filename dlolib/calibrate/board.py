@@ -71,15 +71,18 @@ def read_board(path: Path) -> Board:
     """
     content = read_object(path, "the board")
     model = checked(BoardModel, content, path)
-    if model.marker_m >= model.square_m and model.squares != (1, 1):
+    # as OpenCV takes them
+    if np.float32(model.marker_m) >= np.float32(model.square_m) and model.squares != (1, 1):
         problem = f"{model.marker_m:g} m is not less than square_m = {model.square_m:g}"
         raise FormatError(
             problem, file=path, place="marker_m", mend="measure both; a square holds its marker"
         )
     words = dictionary(model.dictionary, path)
     if model.type == "charuco":
-        if min(model.squares) < 2:
-            raise FormatError("has no inner corner", file=path, place="squares", mend="give at least [2, 2]")
+        inner = (model.squares[0] - 1) * (model.squares[1] - 1)
+        if inner < LEAST_CORNERS["charuco"]:
+            problem = f"{inner} inner corners are too few for a pose"
+            raise FormatError(problem, file=path, place="squares", mend="give at least [3, 4]")
         drawn: Any = cv2.aruco.CharucoBoard(model.squares, model.square_m, model.marker_m, words)
         drawn.setLegacyPattern(model.legacy_pattern)
         return Board(path, model, drawn)

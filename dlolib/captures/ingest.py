@@ -1,7 +1,8 @@
-"""From any source to a checked capture: this project's own folder byte for byte, all others converted."""
+"""From any source to a checked capture: this project's own folder as it is, all others converted."""
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
@@ -20,7 +21,7 @@ from dlolib.captures.redwood import RedwoodFolder
 from dlolib.captures.ros import RosBag
 from dlolib.captures.tum import TumFolder
 from dlolib.errors import FormatError, ParameterError
-from dlolib.files import whole_folder
+from dlolib.files import whole_folder, write_json
 from dlolib.formats import read_capture_index, read_given, say
 from dlolib.outputs import check_out
 from dlolib.progress import track
@@ -147,6 +148,7 @@ def _copied(
             _copy(path, temporary / path.relative_to(index.folder))
         if index.motion is not None:
             _copy(table, temporary / "motion.csv")
+        _keep_name(index.name, temporary / "capture.json")
     say(doubts(index, table))
     return read_capture_index(out)
 
@@ -170,6 +172,13 @@ def _named(index: CaptureIndex) -> list[Path]:
         paths.extend(column or ())
     paths.extend(path for path in (index.background_color, index.background_depth) if path is not None)
     return paths
+
+
+def _keep_name(name: str, path: Path) -> None:
+    """Write the capture's name where it was its folder's alone, which now is another."""
+    content = json.loads(path.read_text(encoding="utf-8-sig"))
+    if "name" not in content:
+        write_json(path, {**content, "name": name})
 
 
 def _copy(origin: Path, target: Path) -> None:

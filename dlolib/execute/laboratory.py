@@ -12,6 +12,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation
 
 from dlolib.errors import ParameterError
+from dlolib.execute.limits import ROUNDING
 from dlolib.execute.log import ExecutionResult, RobotLog, evaluate, write_log, write_result
 from dlolib.execute.path import tool_vectors
 from dlolib.execute.recorded import RECORDED, columns
@@ -170,12 +171,14 @@ def last_shape(shapes: pd.DataFrame) -> Floats:
 
 
 def compare(run: LabRun, layout: Layout, rod_m: Floats | None) -> LawOutcome:
-    """The last shape of a run beside the goal and the rod's nodes (N, 3) [m], at equal arc length."""
+    """The last shape of a run beside the goal, where that says something of the rope, and the rod's nodes
+    (N, 3) [m], at equal arc length."""
     share = run.s_m / run.s_m[-1]
     axis = make_interp_spline(share, run.xyz_m[-1], k=3)
     goal_share = layout.goal_s_m / layout.rope.length_m
     goal = make_interp_spline(goal_share, layout.goal_m, k=min(3, len(goal_share) - 1))
-    to_goal = _distance(run.xyz_m[-1], goal(share))
+    given = (share >= goal_share[0] - ROUNDING) & (share <= goal_share[-1] + ROUNDING)
+    to_goal = _distance(run.xyz_m[-1][given], goal(share[given]))
     rod_error: dict[str, float] | None = None
     if rod_m is not None:
         to_rod = _distance(rod_m, axis(np.linspace(0.0, 1.0, len(rod_m))))

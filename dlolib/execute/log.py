@@ -20,6 +20,12 @@ from dlolib.formats import interpolate_motion
 from dlolib.types import Floats, Motion
 
 LOG_DIGITS, ALL_DIGITS, LATE_S = 12, 17, 1e6
+# No controller counts further [s].
+LATEST_S = 1e12
+# No arm reaches so far [m].
+FARTHEST_M = 100.0
+# A log that ends so long before its path [s] is not of all of it.
+BROKEN_OFF_S = 0.1
 SEARCH_S = 0.05
 LARGEST_LAG_S = 0.5
 CURVE_STEP_M = 2e-5
@@ -68,6 +74,11 @@ class RobotLog:
     target: Floats
     result: dict[str, Any]
 
+    @property
+    def lasts_s(self) -> float:
+        """From the first sample to the last [s]."""
+        return float(np.ptp(self.t_s)) if len(self.t_s) else 0.0
+
 
 def without_repeats(raw: Path) -> pd.DataFrame:
     """The recorder's file with one row a controller time: it free-runs, so samples repeat.
@@ -108,46 +119,60 @@ def read_log(folder: Path) -> RobotLog:
             "no log.csv here", file=folder, mend="give a folder that `dlo execute --host` wrote"
         )
     try:
-        table = pd.read_csv(file)
+        table = pd.read_csv(file, skip_blank_lines=False)
     except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
         raise FormatError(f"is no table: {error}", file=file, mend="record it again") from error
+    table["line"] = np.arange(len(table)) + 2
+    table = table.dropna(how="all", subset=table.columns.difference(["line"]))
     lacking = [name for name in NEEDED if name not in table]
     if lacking:
         raise FormatError(f"no column {lacking[0]}", file=file, mend="record timestamp and actual_TCP_pose")
     t_s = _numbers(table, ["timestamp"], file)[:, 0]
     if (bad := np.flatnonzero(np.diff(t_s) <= 0)).size:
-        place = f"line {int(bad[0]) + 3}, column timestamp"
+        place = f"line {table['line'].iloc[bad[0] + 1]}, column timestamp"
         raise FormatError("does not rise", file=file, place=place, mend="remove repeated samples")
     actual = _numbers(table, columns({"actual_TCP_pose": 6}), file)
+    if (far := np.flatnonzero(np.abs(actual[:, :3]).max(axis=1) > FARTHEST_M)).size:
+        place = f"line {table['line'].iloc[far[0]]}, column actual_TCP_pose"
+        mend = "give metres, or remove the row"
+        raise FormatError(f"is beyond {FARTHEST_M:g} m", file=file, place=place, mend=mend)
     targets = columns({"target_TCP_pose": 6})
     target = _numbers(table, targets, file) if set(targets) <= set(table) else np.full_like(actual, np.nan)
     said = Path(folder) / "result.json"
     result = read_result(said)
+    if type(result.get("completed", True)) is not bool:
+        problem = f"is {result['completed']!r}"[:80]
+        raise FormatError(problem, file=said, place="completed", mend="give true or false")
     start = result.get("streamed_from_s")
-    if start is not None and not (type(start) in (int, float) and np.isfinite(start)):
-        problem, mend = f"is {start!r}, and no time [s]", "give the controller's time, or null"
-        raise FormatError(problem[:80], file=said, place="streamed_from_s", mend=mend)
+    if start is not None and not (type(start) in (int, float) and abs(start) <= LATEST_S):
+        problem, mend = f"is {str(start)[:40]}, and no time [s]", "give the controller's time, or null"
+        raise FormatError(problem, file=said, place="streamed_from_s", mend=mend)
     return RobotLog(t_s, actual, target, result)
 
 
 def evaluate(log: RobotLog, path: Motion) -> ExecutionResult:
     """Compare a log with the path in the base frame that it should have followed.
 
-    Without a result.json the log is taken to be of a completed run. Of such a run of which nobody says when
-    the path began that start is taken which fits best.
+    Without a result.json a log that lasts as long as the path is taken to be of a completed run. Of a run of
+    which nobody says when the path began that start is taken which fits best.
     """
     said = log.result
     start = said.get("streamed_from_s")
-    completed, reason = bool(said.get("completed", True)), str(said.get("reason", "recorded elsewhere"))
+    completed, reason = said.get("completed", True), str(said.get("reason", "recorded elsewhere"))
+    if "completed" not in said and log.lasts_s < path.t_s[-1] - path.t_s[0] - BROKEN_OFF_S:
+        completed, reason = False, "recorded elsewhere, and the log is shorter than the path"
     # formats.md has no such key: another's result.json says nothing of it, and null that nothing was streamed
-    streamed = start is not None or (completed and "streamed_from_s" not in said)
+    streamed = start is not None or (said.get("completed", True) and "streamed_from_s" not in said)
     if not streamed or len(log.t_s) < 2:
         return ExecutionResult(completed, reason, len(log.t_s), None)
     began = best_start(log, path) if start is None else float(start)
     error = tracking_error(log, path, began)
     if error is None:
         return ExecutionResult(completed, reason, len(log.t_s), None)
-    lag = _least(log, path, (began, began + LARGEST_LAG_S)) - began
+    lag: float | None = _least(log, path, (began, began + LARGEST_LAG_S)) - began
+    if lag is not None and lag > LARGEST_LAG_S - SEARCH_S:
+        # no delay explains it
+        lag = None
     away_m = path_error(log.t_s, log.actual, path, began)
     demanded_m = path_error(log.t_s, log.target, path, began) if np.isfinite(log.target).all() else None
     another = demanded_m is not None and demanded_m > ANOTHER_M
@@ -200,7 +225,7 @@ def _numbers(table: pd.DataFrame, names: list[str], file: Path) -> Floats:
     values = np.stack([np.asarray(column, dtype=np.float64) for column in cells], axis=1)
     if not np.isfinite(values).all():
         row, column = (int(index) for index in np.argwhere(~np.isfinite(values))[0])
-        place = f"line {row + 2}, column {names[column]}"
+        place = f"line {table['line'].iloc[row]}, column {names[column]}"
         raise FormatError("is no finite number", file=file, place=place, mend="remove the row")
     return values
 
@@ -215,6 +240,6 @@ def read_result(file: Path) -> dict[str, Any]:
         return {}
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
-    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+    except (ValueError, RecursionError) as error:
         raise FormatError(f"is not JSON: {error}", file=file, mend="remove it or run again") from error
     return content if isinstance(content, dict) else {}

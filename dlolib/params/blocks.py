@@ -47,7 +47,7 @@ class Block(BaseModel):
 class Rod(Block):
     """The simulated rod that identify and learn share."""
 
-    particles: Annotated[int, Field(ge=3, le=1000)]
+    particles: Annotated[int, Field(ge=4, le=1000)]
     longest_segment_m: Positive
     time_step_s: Annotated[float, Field(gt=0, le=0.1)]
     solver: Literal["direct", "iterative"]

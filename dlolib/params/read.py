@@ -11,9 +11,14 @@ import yaml
 from pydantic import ValidationError
 
 from dlolib.errors import ParameterError
-from dlolib.params.blocks import EFFECTS, FITTED, Block, Params
+from dlolib.params.blocks import EFFECTS, FITTED, Block, Diagnose, Identify, Params
 
 PARAMS = Path("params.yaml")
+# Names that a block may give, and what they are.
+NAMES: dict[type[Block], tuple[str, Sequence[str], str]] = {
+    Identify: ("parameters", FITTED, "what is fitted"),
+    Diagnose: ("without", EFFECTS, "the effects"),
+}
 
 AnyBlock = TypeVar("AnyBlock", bound=Block)
 Keys = tuple[str, ...]
@@ -27,13 +32,13 @@ def load(path: Path = PARAMS) -> Params:
     """
     params = _validated(Params, _read(path), path, ())
     identify, learn = params.identify, params.learn
+    _check_names(identify, path)
+    _check_names(params.diagnose, path)
     recordings = tuple(params.recordings)
     for given, valid, keys, where in (
         ([learn.verdict_of], recordings, ("learn", "verdict_of"), "recordings"),
         ([learn.ablation.layout], params.layouts, ("learn", "ablation", "layout"), "layouts"),
         (identify.paper_on, recordings, ("identify", "paper_on"), "recordings"),
-        (identify.parameters or [], FITTED, ("identify", "parameters"), "what is fitted"),
-        (params.diagnose.without, EFFECTS, ("diagnose", "without"), "the effects"),
     ):
         for name in given:
             if name not in valid:
@@ -45,9 +50,10 @@ def ours(path: Path = PARAMS) -> bool:
     """Whether the file has any block of ours: other projects have a params.yaml, too.
 
     Raises:
-        ParameterError: it is no YAML, or holds no blocks.
+        ParameterError: it is no YAML.
     """
-    return not Params.model_fields.keys().isdisjoint(_read(path))
+    content = _content(path)
+    return isinstance(content, dict) and not Params.model_fields.keys().isdisjoint(content)
 
 
 def load_block(block: type[AnyBlock], path: Path = PARAMS) -> AnyBlock:
@@ -60,7 +66,9 @@ def load_block(block: type[AnyBlock], path: Path = PARAMS) -> AnyBlock:
     content = _read(path)
     if name not in content:
         raise ParameterError("this block is missing", file=path, place=name, mend=f"add a block `{name}:`")
-    return _validated(block, content[name], path, (name,))
+    read = _validated(block, content[name], path, (name,))
+    _check_names(read, path)
+    return read
 
 
 class _Twice(Exception):  # noqa: N818  (what happened, as the error that it becomes says it)
@@ -80,21 +88,34 @@ class _Once(yaml.SafeLoader):
 
 
 def _read(path: Path) -> dict[str, Any]:
+    content = _content(path)
+    if not isinstance(content, dict):
+        raise ParameterError("holds no blocks", file=path, mend="write one block a stage")
+    return content
+
+
+def _content(path: Path) -> Any:
     try:
-        content = _Once(path.read_text(encoding="utf-8")).get_single_data()
+        return _Once(path.read_text(encoding="utf-8")).get_single_data()
     except FileNotFoundError:
         raise ParameterError("no such file", file=path, mend="run from the repository's root") from None
     except _Twice as error:
         raise ParameterError(
             "this key is given twice", file=path, place=str(error), mend="remove one"
         ) from error
-    except (yaml.YAMLError, ValueError) as error:  # no text, or a date that no calendar has
+    except (yaml.YAMLError, ValueError, RecursionError) as error:  # no text, a date that no calendar has
         mark = getattr(error, "problem_mark", None)
         place = f"line {mark.line + 1}" if mark else None
         raise ParameterError("is not valid YAML", file=path, place=place, mend="correct that line") from error
-    if not isinstance(content, dict):
-        raise ParameterError("holds no blocks", file=path, mend="write one block a stage")
-    return content
+
+
+def _check_names(block: Block, path: Path) -> None:
+    """Refuse a name that the block gives and nothing has."""
+    if type(block) in NAMES:
+        key, valid, where = NAMES[type(block)]
+        for name in getattr(block, key) or ():
+            if name not in valid:
+                raise _unknown_name(name, valid, path, (type(block).__name__.lower(), key), where)
 
 
 def _validated(block: type[AnyBlock], content: Any, path: Path, above: Keys) -> AnyBlock:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 import pandas as pd
@@ -188,8 +189,11 @@ class Results:
         shapes = self.data / "truth" / "shapes.npz"
         if laws is None or not shapes.is_file():
             return None
-        with np.load(shapes, allow_pickle=False) as arrays:
-            return Truth(laws, arrays["t_s"], arrays["xyz_m"], arrays["s_m"])
+        try:
+            with np.load(shapes, allow_pickle=False) as arrays:
+                return Truth(laws, arrays["t_s"], arrays["xyz_m"], arrays["s_m"])
+        except (ValueError, KeyError, EOFError, BadZipFile) as error:
+            raise FormatError("holds no shapes", file=shapes, mend="run stage lab again") from error
 
     @cached_property
     def chain_error(self) -> ChainError | None:

@@ -188,6 +188,11 @@ def distorted(folder: Path) -> None:
         ),
         (change_board(type="chess"), "board.json: type: Input should be 'charuco' or 'aruco', got 'chess'"),
         (change_board(squares=[4]), "board.json: squares"),
+        (
+            change_board(type="charuco", squares=[2, 6]),
+            "board.json: squares: 5 inner corners are too few for a pose; give",
+        ),
+        (change_board(square_m=0.04, marker_m=0.0399999999), "is not less than square_m = 0.04; measure"),
         (change_board(square_m=50), "board.json: square_m"),
         (change_board(marker_m=1e-300), "board.json: marker_m"),
         (

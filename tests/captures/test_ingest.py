@@ -14,6 +14,7 @@ from chain.tubes import Scene, wave, write_capture
 
 from dlolib.captures import ingest, open_capture
 from dlolib.errors import DloError, FormatError
+from dlolib.formats import read_capture_index
 from dlolib.o3d import open3d
 
 Spoil = Callable[[Path], None]
@@ -40,6 +41,14 @@ def files(folder: Path) -> dict[str, bytes]:
 def test_every_byte_survives(capture: Path, tmp_path: Path) -> None:
     ingest(capture, tmp_path / "out")
     assert files(tmp_path / "out") == files(capture)
+
+
+def test_a_capture_keeps_the_name_of_its_folder(capture: Path, tmp_path: Path) -> None:
+    about = json.loads((capture / "capture.json").read_text())
+    about.pop("name", None)
+    (capture / "capture.json").write_text(json.dumps(about))
+    named = read_capture_index(capture).name
+    assert ingest(capture, tmp_path / "another").name == named == capture.name
 
 
 def test_what_nothing_names_stays_behind(capture: Path, tmp_path: Path) -> None:
@@ -146,6 +155,7 @@ def clouds(folder: Path, points: np.ndarray) -> Path:
     optics = dict.fromkeys(("width", "height", "fx", "fy", "cx", "cy", "depth_scale"))
     content = {
         "format": "dlo-capture/1",
+        "name": "clouds",
         "object": {"name": "rope", "length_m": 1.0, "diameter_m": None},
         "gravity_m_s2": [0, 0, -9.81],
         "ends": {"start": "free", "end": "free"},

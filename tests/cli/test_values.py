@@ -68,7 +68,7 @@ def test_forces_and_masses_of_a_rope_that_was_not_weighed_go_with_its_density() 
 
 
 def test_newtons_need_a_density() -> None:
-    with pytest.raises(ParameterError, match="density of rope is not known; give --set linear_density"):
+    with pytest.raises(ParameterError, match="density of rope is not known; give its linear_density_kg_m"):
         rope_values(UNWEIGHED, "two", fit(bending_stiffness=3e-4), {})
 
 

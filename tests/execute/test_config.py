@@ -49,7 +49,10 @@ BAD = {
     ),
     "text": ({"base_from_world": TURNED, "limits": {"speed_m_s": "0.1"}}, "limits.speed_m_s"),
     "negative": ({"base_from_world": TURNED, "limits": {"reach_m": -1}}, "limits.reach_m"),
-    "fast approach": ({"base_from_world": TURNED, "limits": {"approach_speed_m_s": 2}}, "approach_speed_m_s"),
+    "fast approach": (
+        {"base_from_world": TURNED, "limits": {"approach_speed_m_s": 0.3}},
+        "approach_speed_m_s",
+    ),
     "mirror": ({"base_from_world": np.diag([1, 1, -1, 1]).tolist()}, "no rigid motion"),
     "scaled": ({"base_from_world": np.diag([2, 2, 2, 1]).tolist()}, "no rigid motion"),
     "transposed": ({"base_from_world": np.array(TURNED).T.tolist()}, "no rigid motion"),

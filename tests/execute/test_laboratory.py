@@ -125,6 +125,13 @@ def test_distances_are_at_equal_arc_length() -> None:
     assert found.goal_error_m == pytest.approx({"mean": 0.003, "max": 0.003, "end": 0.003})
     assert found.rod_error_m == pytest.approx({"mean": 0.002, "max": 0.002})
     assert found.min_clearance_m is None
+    # of a goal that covers a part of the rope nothing is said beyond it
+    there = layout()
+    part = there.goal_s_m < 0.4 * LENGTH_M
+    goal_m = there.goal_m[part].copy()
+    goal_m[-1, 2] += 1e-4
+    found = compare(run, replace(there, goal_s_m=there.goal_s_m[part], goal_m=goal_m), rod)
+    assert found.goal_error_m == pytest.approx({"mean": 0.003, "max": 0.003, "end": 0.003}, rel=0.01)
 
 
 def test_a_trajectory_of_another_layout_is_refused() -> None:

@@ -72,6 +72,19 @@ def test_a_result_with_the_keys_of_the_formats_alone_is_of_a_run_that_is_compare
     assert evaluate(replace(log, result=said | {"completed": False}), arc()).tracking_error_m is None
 
 
+def test_a_log_that_breaks_off_is_of_no_completed_run() -> None:
+    for until in (0, 5, 300):
+        result = evaluate(replace(followed(until=until), result={}), arc())
+        assert not result.completed and "shorter than the path" in result.reason
+    assert evaluate(replace(followed(), result={}), arc()).completed
+
+
+def test_what_no_delay_explains_has_no_lag() -> None:
+    log = followed()
+    still = replace(log, actual=np.tile(log.actual[:1], (len(log.actual), 1)))
+    assert evaluate(still, arc()).lag_s is None
+
+
 def recorded(folder: Path, rows: int = 5) -> Path:
     table = pd.DataFrame(np.zeros((rows, len(columns()))), columns=columns())
     table["timestamp"] = START_S + PERIOD_S * np.arange(rows)
@@ -148,7 +161,28 @@ def test_a_result_that_is_no_json_is_refused(tmp_path: Path) -> None:
             read_log(tmp_path)
 
 
-@pytest.mark.parametrize("start", ['"50"', "[50]", "true", "NaN"])
+def test_a_result_that_cannot_be_read_is_refused(tmp_path: Path) -> None:
+    recorded(tmp_path)
+    for content in ("[" * 100_000, '{"samples": ' + "9" * 5000 + "}"):
+        (tmp_path / "result.json").write_text(content)
+        with pytest.raises(FormatError, match=r"result\.json: is not JSON"):
+            read_log(tmp_path)
+    (tmp_path / "result.json").write_text('{"completed": "false"}')
+    with pytest.raises(FormatError, match=r"completed: is 'false'; give true or false"):
+        read_log(tmp_path)
+
+
+def test_a_pose_beyond_any_arm_is_refused_by_its_line(tmp_path: Path) -> None:
+    file = recorded(tmp_path)
+    lines = file.read_text().splitlines()
+    row = lines[3].split(",")
+    row[lines[0].split(",").index("actual_TCP_pose_1")] = "1e308"
+    file.write_text("\n".join([*lines[:2], "", "", lines[2], ",".join(row), *lines[4:]]) + "\n")
+    with pytest.raises(FormatError, match=r"line 6, column actual_TCP_pose: is beyond 100 m"):
+        read_log(tmp_path)
+
+
+@pytest.mark.parametrize("start", ['"50"', "[50]", "true", "NaN", "9" * 400])
 def test_a_start_that_is_no_time_is_refused(tmp_path: Path, start: str) -> None:
     recorded(tmp_path)
     (tmp_path / "result.json").write_text(f'{{"completed": true, "streamed_from_s": {start}}}')

@@ -66,6 +66,13 @@ def test_time_scale_slows_the_path() -> None:
         check_path(path_in_base(arc(0.2), RobotConfig()), Limits())
 
 
+def test_a_path_may_begin_at_any_time() -> None:
+    late = replace(arc(), t_s=arc().t_s + 7.0)
+    slow = path_in_base(late, RobotConfig(time_scale=4.0))
+    assert (slow.t_s[0], slow.t_s[-1]) == pytest.approx((7.0, 7.0 + 4.0 * np.ptp(late.t_s)))
+    assert sampled(late, 0.002) == pytest.approx(sampled(arc(), 0.002))
+
+
 def test_samples_are_one_period_apart_and_end_at_the_end() -> None:
     poses = sampled(arc(), 0.002)
     assert len(poses) == 401

@@ -6,7 +6,7 @@ import pytest
 
 from dlolib.errors import ParameterError
 from dlolib.params import load
-from stages import check, run
+from stages import check, number, run
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -84,3 +84,10 @@ def test_a_stage_says_what_it_takes(capsys: pytest.CaptureFixture[str]) -> None:
         run(stage, "wire_white")
     assert ended.value.code == 2
     assert capsys.readouterr().err == f"{__name__}: arguments given: 1; give NAME PATH\n"
+
+
+@pytest.mark.parametrize(("text", "least", "said"), [("0", 1, "from 1 on"), ("-1", 0, "a whole number")])
+def test_a_count_that_would_replace_a_result_by_nothing_is_refused(text: str, least: int, said: str) -> None:
+    with pytest.raises(ParameterError, match=f"COUNT is {text}; give COUNT as .*{said}"):
+        number(text, "COUNT", least)
+    assert number("1", "COUNT", 1) == 1

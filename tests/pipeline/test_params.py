@@ -58,6 +58,8 @@ def test_the_committed_file_is_good() -> None:
         ("drag_1_s: 2.0", "drag_1_s: 1.0e9", "and a sign in it (1.0e-4, 1.0e+4)"),
         ("smooth_m: 0.03", "smooth_m: .nan", "chain.smooth_m: should be a finite number (it is nan)"),
         ("particles: 30", "particles: 30.5", "rod.particles: should be a valid integer"),
+        ("particles: 30", "particles: 3", "rod.particles: should be greater than or equal to 4 (it is 3)"),
+        ("without: []", "without: " + "[" * 3000, "is not valid YAML"),
         ("law: plastic", "law: rubber", "should be 'plastic' or 'elastic' (it is 'rubber')"),
         ("verdict_of: captured", "verdict_of: caught", "`caught` is not among recordings (captured, "),
         ("layout: layout_1", "layout: layout_9", "`layout_9` is not among layouts (layout_1, "),

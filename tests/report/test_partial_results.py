@@ -30,6 +30,14 @@ def test_own_data_has_no_truth_and_says_so(results: Path, tmp_path: Path) -> Non
     assert "laboratory's rope:" not in json.dumps(content)
 
 
+@pytest.mark.parametrize("content", [b"", b"no archive", b"PK\x03\x04"])
+def test_a_truth_that_cannot_be_read_is_named(results: Path, tmp_path: Path, content: bytes) -> None:
+    data = Path(shutil.copytree(results.parent / "data", tmp_path / "data"))
+    (data / "truth" / "shapes.npz").write_bytes(content)
+    with pytest.raises(FormatError, match=r"shapes\.npz: holds no shapes; run stage lab again"):
+        _ = Results(results, data).truth
+
+
 @pytest.mark.usefixtures("undrawn")
 def test_a_stiffness_over_density_keeps_its_unit(results: Path, tmp_path: Path) -> None:
     copy = tmp_path / "run"
