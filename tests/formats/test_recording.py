@@ -212,6 +212,22 @@ def test_a_bad_key_is_named(tmp_path: Path, key: str, value: Any, says: str) -> 
     assert says in refused(folder, "recording.json")
 
 
+@pytest.mark.parametrize(("given", "read"), [(0.012, 0.012), (0.0, 0.0), (None, 0.0)])
+def test_a_tip_mass_is_read_and_one_that_nobody_measured_is_none(
+    tmp_path: Path, given: float | None, read: float
+) -> None:
+    folder = samples.recording_folder(tmp_path / "r")
+    samples.set_key(folder / "recording.json", "object.tip_mass_kg", given)
+    assert read_recording(folder).rope.tip_mass_kg == read
+
+
+def test_ends_further_apart_than_the_rope_are_refused(tmp_path: Path) -> None:
+    folder = samples.recording_folder(tmp_path / "r")
+    samples.set_cell(folder / "motion.csv", 4, "end_x_m", "0.6")
+    says = "line 4: at t_s = 2 the ends are 0.6 m apart, on a rope of 0.445 m; correct the positions"
+    assert says in refused(folder, "motion.csv")
+
+
 @pytest.mark.parametrize(
     ("line", "column", "value", "says"),
     [
