@@ -7,7 +7,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +31,7 @@ def whole_file(path: Path) -> Iterator[Path]:
 @contextmanager
 def whole_folder(path: Path) -> Iterator[Path]:
     """Give a temporary folder; on a clean exit it replaces `path` whole, on an error nothing changes."""
+    made = [parent for parent in path.parents if not parent.exists()]
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
     temporary.chmod(0o755)
@@ -46,6 +47,9 @@ def whole_folder(path: Path) -> Iterator[Path]:
             os.replace(aside, path)
         for folder in (temporary, aside):
             shutil.rmtree(folder, ignore_errors=True)
+        with suppress(OSError):  # those that hold something stay
+            for parent in made:
+                parent.rmdir()
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:

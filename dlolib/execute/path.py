@@ -103,7 +103,7 @@ def check_samples(poses: Floats, period_s: float, limits: Limits) -> None:
 
 
 def _refuse(path: Motion, row: int, problem: str, mend: str, file: Path | None) -> MotionRefused:
-    place = f"row {row + 1} (line {row + 2}, t_s = {path.t_s[row]:g})"
+    place = f"row {row + 1} (t_s = {path.t_s[row]:g})"
     return MotionRefused(problem, file=file, place=place, mend=mend)
 
 

@@ -43,11 +43,7 @@ def check_ends(motion: Motion, ends: Ends, rope: Rope, path: Path) -> None:
     worst = int(np.argmax(apart))
     if apart[worst] > SLACK * rope.length_m:
         raise _too_far(
-            f"at t_s = {motion.t_s[worst]:.12g} the ends are {apart[worst]:.4g} m apart",
-            apart[worst],
-            rope,
-            path,
-            f"line {worst + 2}",
+            f"the ends are {apart[worst]:.4g} m apart", apart[worst], rope, path, when(motion, worst)
         )
 
 
@@ -62,11 +58,16 @@ def check_clear(motion: Motion, obstacles: Sequence[Obstacle], path: Path) -> No
             if clear[worst] < 0:
                 raise FormatError(
                     f"the clamped {end} is {-1e3 * clear[worst]:.1f} mm inside obstacle {number} "
-                    f"({obstacle.shape}) at t_s = {motion.t_s[worst]:.12g}",
+                    f"({obstacle.shape})",
                     file=path,
-                    place=f"line {worst + 2}",
+                    place=when(motion, worst),
                     mend="move the obstacle or the clamp, whose middle must be 0 mm or more outside",
                 )
+
+
+def when(motion: Motion, row: int) -> str:
+    """The place of a row in motion.csv by its time; its line is not known, tables may have gaps."""
+    return f"t_s = {motion.t_s[row]:.12g}"
 
 
 def check_ranges(

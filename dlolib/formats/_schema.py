@@ -6,10 +6,11 @@ other people's tools write them.
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from dlolib.obstacles import SHAPES
 from dlolib.types import Ends, Floats, Obstacle, Pose, Rope
@@ -23,6 +24,8 @@ POSITIVE = ("radius_m", "height_m", "size_m")
 MILLIMETRES = "looks like millimetres; divide by 1000"
 # No rope is denser than platinum; one of a density given in g/m is a thousand times too heavy.
 DENSEST_KG_M3 = 22e3
+# Nor does an arm carry so many kilograms, or a metre that weighs as much.
+HEAVIEST = 50.0
 
 Vector3 = Annotated[tuple[float, float, float], Field(strict=False)]
 Vector4 = Annotated[tuple[float, float, float, float], Field(strict=False)]
@@ -35,14 +38,20 @@ class Strict(BaseModel):
     model_config = ConfigDict(strict=True, allow_inf_nan=False, extra="ignore", frozen=True)
 
 
+def _of_kilograms(value: float) -> float:
+    if value > HEAVIEST:
+        raise ValueError(f"{value:g} looks like grams; divide by 1000")
+    return value
+
+
 class RopeModel(Strict):
     """The key `object`."""
 
     name: str = "rope"
     length_m: float = Field(gt=0)
     diameter_m: float | None = Field(default=None, gt=0)
-    linear_density_kg_m: float | None = Field(default=None, gt=0)
-    tip_mass_kg: float | None = Field(default=None, ge=0)
+    linear_density_kg_m: Annotated[float, AfterValidator(_of_kilograms)] | None = Field(default=None, gt=0)
+    tip_mass_kg: Annotated[float, AfterValidator(_of_kilograms)] | None = Field(default=None, ge=0)
 
     @field_validator("length_m")
     @classmethod
@@ -128,8 +137,8 @@ class Scene(Strict):
     @field_validator("gravity_m_s2")
     @classmethod
     def _gravity(cls, value: tuple[float, ...]) -> tuple[float, ...]:
-        if np.linalg.norm(value) > LARGEST_G_M_S2:
-            raise ValueError(f"{np.linalg.norm(value):g} m/s^2 {MILLIMETRES}")
+        if math.hypot(*value) > LARGEST_G_M_S2:
+            raise ValueError(f"{math.hypot(*value):g} m/s^2 {MILLIMETRES}")
         return value
 
     @field_validator("obstacles")

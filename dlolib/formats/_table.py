@@ -13,6 +13,9 @@ from dlolib.errors import FormatError
 from dlolib.formats._json import existing
 from dlolib.types import Floats, Ints
 
+# Numbers are read as floats, which tell whole ones apart up to this.
+LARGEST_WHOLE = 2.0**53 - 1
+
 
 @dataclass(frozen=True)
 class Table:
@@ -72,11 +75,11 @@ def read_table(
 def check_whole(table: Table, column: str) -> Ints:
     """The column as whole numbers >= 0, shape (R,)."""
     values = table.numbers[column]
-    bad = np.flatnonzero((values != np.round(values)) | (values < 0))
+    bad = np.flatnonzero((values != np.round(values)) | (values < 0) | (values > LARGEST_WHOLE))
     if bad.size:
         row = int(bad[0])
         raise table.refusal(
-            row, column, f"{values[row]:g} is no frame number", "count from 0 in whole numbers"
+            row, column, f"{values[row]:g} is no frame number", "count from 0 in whole numbers below 2^53"
         )
     return values.astype(np.int64)
 

@@ -21,6 +21,7 @@ from dlolib.types import Camera, CaptureIndex, Motion
 FORM = "dlo-capture/1"
 PICTURES = ("color", "depth", "cloud", "mask")
 OPTICS = ("width", "height", "fx", "fy", "cx", "cy", "depth_scale")
+MOST_PIXELS = 100_000
 # OpenCV counts hue in steps of two degrees.
 LAST_HUE = 179
 Hue = Annotated[int, Field(ge=0, le=LAST_HUE)]
@@ -52,8 +53,8 @@ class Pinhole(Strict):
 class CameraModel(Pinhole):
     """The key `camera`; the optics may be null where the capture holds clouds."""
 
-    width: int | None = Field(default=None, gt=0)
-    height: int | None = Field(default=None, gt=0)
+    width: int | None = Field(default=None, gt=0, le=MOST_PIXELS)
+    height: int | None = Field(default=None, gt=0, le=MOST_PIXELS)
     fx: float | None = Field(default=None, gt=0)
     fy: float | None = Field(default=None, gt=0)
     cx: float | None = None

@@ -85,14 +85,14 @@ def _check_length(layout: Layout, goal: Path) -> None:
         raise LayoutError("has one point", file=goal, mend="give the shape as a row of points")
     if layout.goal_s_m[0] < 0:
         raise LayoutError(
-            "s_m is negative", file=goal, place="line 2", mend="count from the start of the rope"
+            "is negative", file=goal, place=_at(layout, 0), mend="count from the start of the rope"
         )
     chord = float(np.linalg.norm(np.diff(layout.goal_m, axis=0), axis=1).sum())
     longest, word = max((chord, "the way along its points"), (float(layout.goal_s_m[-1]), "its last s_m"))
     if longest > SLACK * length:
         mend = MILLIMETRES if longest > MUCH * length else "shorten the goal or correct object.length_m"
         problem = f"the goal is longer than the rope: {word} is {longest:.4g} m of {length:g} m"
-        raise LayoutError(problem, file=goal, place=f"line {last + 2}", mend=mend)
+        raise LayoutError(problem, file=goal, place=_at(layout, last), mend=mend)
 
 
 def _check_reach(layout: Layout, path: Path, goal: Path) -> None:
@@ -107,11 +107,9 @@ def _check_reach(layout: Layout, path: Path, goal: Path) -> None:
     bad = np.flatnonzero(away > SLACK * layout.goal_s_m + (SLACK - 1) * length)
     if bad.size:
         row = int(bad[-1])
-        problem = (
-            f"the point at s_m = {layout.goal_s_m[row]:g} is {away[row]:.4g} m from the start: out of reach"
-        )
+        problem = f"the point is {away[row]:.4g} m from the start: out of reach"
         mend = "move the goal nearer or correct start.position_m"
-        raise LayoutError(problem, file=goal, place=f"line {row + 2}", mend=mend)
+        raise LayoutError(problem, file=goal, place=_at(layout, row), mend=mend)
 
 
 def _check_free(layout: Layout, goal: Path, path: Path) -> None:
@@ -122,16 +120,19 @@ def _check_free(layout: Layout, goal: Path, path: Path) -> None:
         clearance = signed_distance(obstacle, goal_m) - layout.rope.radius_m
         worst = int(np.argmin(clearance))
         if clearance[worst] < 0:
-            problem = f"the goal is {-1e3 * clearance[worst]:.1f} mm inside {name} at s_m = {s_m[worst]:.3f}"
-            row = int(np.argmin(np.abs(layout.goal_s_m - s_m[worst])))
-            raise LayoutError(
-                problem, file=goal, place=f"line {row + 2}", mend="move the goal or the obstacle"
-            )
+            problem = f"the goal is {-1e3 * clearance[worst]:.1f} mm inside {name}"
+            place, mend = f"s_m = {s_m[worst]:.3f}", "move the goal or the obstacle"
+            raise LayoutError(problem, file=goal, place=place, mend=mend)
         grasp = float(signed_distance(obstacle, layout.grasp.position_m)) - layout.rope.radius_m
         if grasp < 0:
             problem = f"is {-1e3 * grasp:.1f} mm inside {name}"
             mend = "move the grasp or the obstacle"
             raise LayoutError(problem, file=path, place="grasp.position_m", mend=mend)
+
+
+def _at(layout: Layout, row: int) -> str:
+    """The place of a point in goal.csv by its arc length; its line is not known, tables may have gaps."""
+    return f"s_m = {layout.goal_s_m[row]:g}"
 
 
 def _dense(s_m: Floats, xyz_m: Floats) -> tuple[Floats, Floats]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
@@ -38,6 +38,13 @@ FITTED = (
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]
 
 
+def _each_once(names: list[str]) -> list[str]:
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise ValueError(f"{twice} stands in it more than once")
+    return names
+
+
 class Block(BaseModel):
     """A block of params.yaml: frozen, no unknown keys, no NaN, no text for numbers."""
 
@@ -51,7 +58,7 @@ class Rod(Block):
     longest_segment_m: Positive
     time_step_s: Annotated[float, Field(gt=0, le=0.1)]
     solver: Literal["direct", "iterative"]
-    sweeps: Count
+    sweeps: Annotated[int, Field(ge=1, le=10_000)]
 
     def mesh(self) -> dict[str, Any]:
         """Of `dlolib.sim.mesh.Mesh`."""
@@ -127,7 +134,7 @@ class Chain(Block):
     min_contrast: Annotated[float, Field(gt=0, le=255)]
     background_levels: Annotated[float, Field(gt=0, le=255)]
     background_depth_m: Annotated[float, Field(gt=0, lt=1)]
-    edge_px: NotNegative
+    edge_px: Annotated[float, Field(ge=0, le=20)]
     smooth_m: Annotated[float, Field(gt=0, lt=1)]
     bridge_m: Annotated[float, Field(ge=0, lt=1)]
     min_seen: Annotated[float, Field(gt=0, le=1)]
@@ -151,7 +158,7 @@ class Identify(Block):
     """From a recording to stiffnesses with intervals: `dlolib.identify.IdentifySettings`."""
 
     method: Literal["least_squares", "gradient_descent"]
-    parameters: list[str] | None
+    parameters: Annotated[list[str], Field(min_length=1), AfterValidator(_each_once)] | None
     iterations: Count
     heldout_share: Annotated[float, Field(ge=0, lt=1)]
     paper_on: list[Name]
@@ -260,7 +267,7 @@ class Execute(Block):
     """Who runs a trajectory: `lab` with these laws, or a folder of logs under data/."""
 
     source: Name
-    laws: Annotated[list[Literal["elastic", "plastic"]], Field(min_length=1)]
+    laws: Annotated[list[Literal["elastic", "plastic"]], Field(min_length=1), AfterValidator(_each_once)]
 
 
 class Params(Block):
@@ -273,6 +280,6 @@ class Params(Block):
     recordings: Annotated[dict[Name, RecordingEntry], Field(min_length=1)]
     identify: Identify
     diagnose: Diagnose
-    layouts: Annotated[list[Name], Field(min_length=1)]
+    layouts: Annotated[list[Name], Field(min_length=1), AfterValidator(_each_once)]
     learn: Learn
     execute: Execute

@@ -9,6 +9,8 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 
+from dlolib.report.text import title
+
 WIDTH_MM = 166.0
 """The width of the text on the PDF's page: figures are drawn at the size they are read at."""
 MM = 1 / 25.4
@@ -108,6 +110,11 @@ def _settle(figure: Canvas) -> None:
         places = axes.get_position(original=True).bounds
         left, bottom, width, height = (round(value, 5) for value in places)
         axes.set_position((left, bottom, width, height))
+
+
+def label(name: str) -> str:
+    """A folder's name in a figure, where a pair of `$` would make a formula of it."""
+    return title(name).replace("$", r"\$")
 
 
 def legend_above(axes: Axes, columns: int = 4) -> None:

@@ -160,6 +160,16 @@ def test_what_cannot_be_replaced_is_not_lost(tmp_path: Path, monkeypatch: pytest
     assert (tmp_path / "mine.txt").read_text() == "mine"
 
 
+def test_folders_made_for_what_was_refused_go_again(tmp_path: Path) -> None:
+    (tmp_path / "there").mkdir()
+    with pytest.raises(ValueError), whole_folder(tmp_path / "there" / "new" / "newer" / "out"):
+        raise ValueError
+    assert (tmp_path / "there").is_dir() and not list((tmp_path / "there").iterdir())
+    with whole_folder(tmp_path / "there" / "new" / "newer" / "out"):
+        pass
+    assert (tmp_path / "there" / "new" / "newer" / "out").is_dir()
+
+
 def test_a_report_leaves_foreign_figures(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "results").mkdir()
     (tmp_path / "out" / "figures").mkdir(parents=True)

@@ -105,7 +105,7 @@ REFUSED = {
     "turns too fast": (turning(0.5), "turns at 2.5 rad/s"),
     "turns too far in a step": (turning(2.5), "turns at"),
     "signs flip": (flipping(), "row 20 .*the long way, by 6.28 rad.; give .* one sign"),
-    "out of reach": (with_row(7, 0.9), "row 8 .line 9, t_s = 0.14.: the tool at .0.900"),
+    "out of reach": (with_row(7, 0.9), "row 8 .t_s = 0.14.: the tool at .0.900"),
     "one jump": (with_row(20, 0.47), "row 21"),
     "time stands still": (replace(arc(), t_s=np.r_[arc().t_s[:-1], arc().t_s[-2]]), "does not rise"),
 }

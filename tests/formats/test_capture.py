@@ -69,6 +69,7 @@ def refused(folder: Path, name: str) -> str:
         ("camera.fx", 0, "camera.fx: Input should be greater than 0, got 0"),
         ("camera.fy", None, "camera.fy: null; images need it"),
         ("camera.width", 640.5, "camera.width"),
+        ("camera.width", 10**400, "camera.width: Input should be less than or equal to 100000"),
         ("camera.distortion", [-0.3, 0.1, 0, 0, 0], "camera.distortion: a capture's camera is a pinhole"),
         ("camera.distortion", {"k1": -0.3}, "a capture's camera is a pinhole: undistort the images"),
         ("camera.depth_scale", 0.001, "looks like metres per unit; give 1000"),
@@ -144,4 +145,4 @@ def test_an_obstacle_around_a_clamp(tmp_path: Path) -> None:
     folder = samples.capture_folder(tmp_path / "c")
     sphere = {"shape": "sphere", "center_m": [0.0, 0.01, 0.0], "radius_m": 0.03}
     samples.set_key(folder / "capture.json", "obstacles", [sphere])
-    assert "line 2: the clamped start is 20.0 mm inside obstacle 0" in refused(folder, "motion.csv")
+    assert "t_s = 0: the clamped start is 20.0 mm inside obstacle 0" in refused(folder, "motion.csv")

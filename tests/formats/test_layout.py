@@ -58,7 +58,7 @@ def test_goal_inside_an_obstacle_radius_included(tmp_path: Path, height: float, 
     folder = samples.layout_folder(tmp_path / "l")
     samples.set_key(folder / "layout.json", "obstacles.0.center_m", [0.2, 0, height])
     if inside:
-        assert "mm inside obstacle 0 (cylinder) at s_m = 0.2" in refused(folder, "goal.csv")
+        assert "s_m = 0.222: the goal is" in refused(folder, "goal.csv")
     else:
         read_layout(folder)
 
@@ -114,7 +114,7 @@ def test_a_goal_of_one_point_is_no_shape(tmp_path: Path) -> None:
 def test_a_goal_before_the_ropes_start(tmp_path: Path) -> None:
     folder = samples.layout_folder(tmp_path / "l")
     samples.set_cell(folder / "goal.csv", 2, "s_m", "-0.001")
-    assert "line 2: s_m is negative" in refused(folder, "goal.csv")
+    assert "s_m = -0.001: is negative" in refused(folder, "goal.csv")
 
 
 def test_a_goal_whose_arc_length_falls(tmp_path: Path) -> None:

@@ -187,6 +187,8 @@ def refused(folder: Path, name: str) -> str:
         ),
         ("gravity_m_s2", [0, -9.81], "gravity_m_s2"),
         ("gravity_m_s2", [0, 0, -9810], "looks like millimetres"),
+        ("gravity_m_s2", [0, 0, 1e200], "1e+200 m/s^2 looks like millimetres"),
+        ("object.tip_mass_kg", 120, "object.tip_mass_kg: 120 looks like grams; divide by 1000"),
         ("ends.end", "glued", "ends.end: Input should be 'clamped' or 'free', got 'glued'"),
         ("quasi_static", "yes", "quasi_static: Input should be a valid boolean"),
         ("planar", "xy", "planar: Input should be 'xz'"),
@@ -224,7 +226,7 @@ def test_a_tip_mass_is_read_and_one_that_nobody_measured_is_none(
 def test_ends_further_apart_than_the_rope_are_refused(tmp_path: Path) -> None:
     folder = samples.recording_folder(tmp_path / "r")
     samples.set_cell(folder / "motion.csv", 4, "end_x_m", "0.6")
-    says = "line 4: at t_s = 2 the ends are 0.6 m apart, on a rope of 0.445 m; correct the positions"
+    says = "t_s = 2: the ends are 0.6 m apart, on a rope of 0.445 m; correct the positions"
     assert says in refused(folder, "motion.csv")
 
 
@@ -241,6 +243,7 @@ def test_ends_further_apart_than_the_rope_are_refused(tmp_path: Path) -> None:
         (5, "z_m", "-300", "looks like millimetres; divide by 1000"),
         (5, "z_m", "-30", "looks like centimetres; divide by 100"),
         (5, "frame", "0.5", "0.5 is no frame number; count from 0 in whole numbers"),
+        (5, "frame", "1e19", "1e+19 is no frame number; count from 0 in whole numbers below 2^53"),
         (5, "t_s", "0.5", "line 5, column t_s: frame 0 has the times 0 and 0.5; give a frame one time"),
         (5, "frame", "2", "line 5, column t_s: frames 0 and 2 have one time, t_s = 0"),
         (12, "t_s", "-1", "line 12, column t_s: t_s falls from 0 to -1"),

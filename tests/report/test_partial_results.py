@@ -17,6 +17,7 @@ from dlolib.files import write_csv, write_json
 from dlolib.report import Results, build_report, collect
 from dlolib.report.build import FILES
 from dlolib.report.headline import headline
+from dlolib.report.sections import execution, layouts
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -255,6 +256,19 @@ def test_a_layout_is_drawn_as_it_was_learned_for(results: Path, tmp_path: Path) 
     assert layout is not None and len(layout.obstacles) == 2
     shutil.rmtree(now)
     assert source.layout(LAYOUTS[0]) is not None
+
+
+def test_a_layouts_name_is_no_formula(results: Path, tmp_path: Path) -> None:
+    name = r"a$\foo$b"
+    copy = tmp_path / "run"
+    shutil.copytree(results.parent, copy)
+    for folder in (copy / "data" / "layouts", copy / "reports" / "learn", copy / "reports" / "execute"):
+        (folder / LAYOUTS[0]).rename(folder / name)
+    source = Results(copy / "reports", copy / "data")
+    for section in (layouts.section, execution.section):
+        section(source, tmp_path / "figures")
+    drawn = {path.stem for path in (tmp_path / "figures").glob("*.svg")}
+    assert {"layouts", "learning", "execution"} <= drawn
 
 
 @pytest.mark.usefixtures("undrawn")

@@ -10,6 +10,7 @@ from sim.ropes import EI, GJ, LEVEL, ROPE, moved, pose, settled, swing
 from sim.test_recording import recording
 
 from dlolib.errors import DloError, ParameterError, SimulationError
+from dlolib.sim.mesh import Mesh
 from dlolib.sim.recording import RecordingModel
 from dlolib.sim.rod import Rod
 from dlolib.sim.simulate import Clock
@@ -54,6 +55,12 @@ def test_what_no_rod_can_be(make: Callable[[], Rod], says: str) -> None:
 
 def test_a_rod_of_three_particles_is_one() -> None:
     assert np.isfinite(settled(particles=3).x).all()
+
+
+def test_a_mesh_carries_a_cubic() -> None:
+    with pytest.raises(ParameterError, match=r"rod\.particles: is 3; give 4 or more"):
+        Mesh(particles=3)
+    assert Mesh(particles=4).particles_for(0.03) == 4
 
 
 def jump(way_m: float, turn_rad: float) -> Motion:

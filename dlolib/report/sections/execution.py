@@ -13,7 +13,18 @@ from matplotlib.axes import Axes
 from dlolib.report.drawing import VIEWS, draw_clamp, draw_obstacles, draw_rope, silhouette, widest
 from dlolib.report.model import Block, Column, Figure, Missing, Paragraph, Section, Table
 from dlolib.report.results import Results
-from dlolib.report.style import ELASTIC, GOAL, PLASTIC, ROD, SERIES, WIDTH_MM, canvas, save, thousandths
+from dlolib.report.style import (
+    ELASTIC,
+    GOAL,
+    PLASTIC,
+    ROD,
+    SERIES,
+    WIDTH_MM,
+    canvas,
+    label,
+    save,
+    thousandths,
+)
 from dlolib.report.text import ABSENT, millimetres, title
 from dlolib.types import Floats, Layout
 
@@ -91,7 +102,8 @@ def _shapes(results: Results, names: list[str], figures: Path) -> Figure:
         layout, shapes = results.layout(name), results.table("execute", name, "shapes.csv")
         assert layout is not None and shapes is not None
         _final(axes, view, layout, shapes, results.table("learn", name, "shapes.csv"))
-        axes.set(title=title(name), xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+        axes.set_title(label(name))
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
         thousandths(axes)
     for axes in panels[-1]:
         axes.set_xlabel(f"{across} [mm]")
@@ -270,7 +282,7 @@ def _tracking_figure(errors: dict[str, tuple[Floats, Floats]], figures: Path) ->
     figure = canvas(50)
     axes = figure.subplots()
     for index, (name, (time, distance)) in enumerate(errors.items()):
-        axes.plot(time, distance, color=SERIES[index % len(SERIES)], linewidth=0.9, label=title(name))
+        axes.plot(time, distance, color=SERIES[index % len(SERIES)], linewidth=0.9, label=label(name))
     axes.set(xlabel="time [s]", ylabel="distance to target [mm]", ylim=(0, None))
     thousandths(axes, "y")
     figure.legend(*axes.get_legend_handles_labels(), loc="outside upper left", ncols=4)

@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from dlolib.report.drawing import VIEWS, draw_clamp, draw_obstacles, draw_rope, mark, silhouette, smooth
 from dlolib.report.model import Block, Column, Figure, Missing, Paragraph, Section, Table
 from dlolib.report.results import Results
-from dlolib.report.style import GOAL, PATH, ROD, SERIES, WHITE, WIDTH_MM, canvas, save, thousandths
+from dlolib.report.style import GOAL, PATH, ROD, SERIES, WHITE, WIDTH_MM, canvas, label, save, thousandths
 from dlolib.report.text import listed, millimetres, title
 from dlolib.types import Floats, Layout
 
@@ -109,7 +109,7 @@ def _views(drawn: list[Learned], figures: Path) -> Figure:
             axes.set(xlim=(low[0], high[0]), ylim=(low[up], high[up]), aspect="equal")
             axes.set_ylabel(f"{view[-1]} [mm]" if column == 0 else "")
             thousandths(axes)
-        panels[2 * row, column].set_title(title(each.name))
+        panels[2 * row, column].set_title(label(each.name))
     for axes in panels[-1]:
         axes.set_xlabel("x [mm]")
     _legend(figure)
@@ -202,9 +202,9 @@ def _curves(curves: dict[str, pd.DataFrame], figures: Path) -> Figure:
     for index, (name, curve) in enumerate(curves.items()):
         for axes, (column, _) in zip(panels, columns, strict=True):
             color = SERIES[index % len(SERIES)]
-            axes.plot(curve["iteration"], curve[column], color=color, label=title(name), linewidth=1)
-    for axes, (column, label) in zip(panels, columns, strict=True):
-        axes.set(xlabel="iteration", ylabel=label)
+            axes.plot(curve["iteration"], curve[column], color=color, label=label(name), linewidth=1)
+    for axes, (column, shown) in zip(panels, columns, strict=True):
+        axes.set(xlabel="iteration", ylabel=shown)
         if column.endswith("_m"):
             thousandths(axes, "y")
     panels[0].set_yscale("log")
