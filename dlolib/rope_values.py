@@ -57,7 +57,26 @@ def rope_values(rope: Rope, name: str, fit: Fit | None, values: Mapping[str, flo
         mend = "give --set bending_stiffness=VALUE (N m^2), --fit FILE or --verdict FILE"
         raise ParameterError("no bending_stiffness is given", place=name, mend=mend)
     parameters.setdefault("torsional_stiffness", parameters["bending_stiffness"])
-    check_places(rope, parameters)
+    _check_places(rope, parameters)
+    return RopeValues(rope, parameters)
+
+
+def with_effects(known: RopeValues, effects: Mapping[str, float]) -> RopeValues:
+    """The rope with effects over what is known of it.
+
+    Raises:
+        ParameterError: one is at a place beyond the rope.
+    """
+    from dlolib.formats import say
+    from dlolib.sim.rod import unit_of
+
+    rope, parameters = known.rope, {**known.parameters, **effects}
+    _check_places(rope, parameters)
+    weighs = [name for name in effects if unit_of(name, weighed=False).endswith(PER_DENSITY)]
+    if rope.linear_density_kg_m is None and weighs:
+        unit = f"{unit_of(weighs[0])} counts as {unit_of(weighs[0], weighed=False)}"
+        problem = f"the density of {rope.name} is not known: what {weighs[0]} has in {unit}"
+        say([f"{problem}; give --set linear_density=VALUE"])
     return RopeValues(rope, parameters)
 
 
@@ -116,7 +135,7 @@ def elsewhere(known: RopeValues) -> RopeValues:
     return replace(known, parameters=parameters)
 
 
-def check_places(rope: Rope, parameters: Mapping[str, float]) -> None:
+def _check_places(rope: Rope, parameters: Mapping[str, float]) -> None:
     """Refuse an effect at a place beyond the rope's end, as one that was found on a longer rope.
 
     Raises:

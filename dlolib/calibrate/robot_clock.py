@@ -52,7 +52,7 @@ class ClockOffset:
     def says(self) -> str:
         """One line for a person."""
         if self.time_s is None or self.low_s is None or self.high_s is None:
-            return f"whether camera and robot share a clock is not known: {self.reason}"
+            return f"the points do not tell whether camera and robot share a clock: {self.reason}"
         return (
             f"the camera sees at t what the robot logged at t - ({self.time_s:.3f} s), 95 %: "
             f"{self.low_s:.3f} to {self.high_s:.3f} s, from the {self.end} in {self.frames} frames; "

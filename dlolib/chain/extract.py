@@ -94,7 +94,8 @@ def extract_chain(source: Source, settings: ChainSettings | None = None) -> Chai
         more_s = clocks_apart(chains, index)
         if more_s == 0.0:
             break
-    say([*_without_rope(found.refused, index.name), *_doubts(chains, source.index)])
+    doubts = [*_without_rope(found.refused, index.name), *_doubts(chains, source.index)]
+    say([*doubts, *_late(late_s, source.index)])
     recording = _recording(source.index, [chain for chain in chains if chain.counts], settings)
     return ChainResult(recording, tuple(chains), settings, late_s, len(found.refused))
 
@@ -105,6 +106,13 @@ def _without_rope(refused: Sequence[ChainError], name: str) -> Iterator[str]:
         more = len(refused) - 1
         others = f", and {more} more frame{'s' * (more > 1)} like it" if more else ""
         yield f"{name}: left out: {refused[0]}{others}"
+
+
+def _late(late_s: float, index: CaptureIndex) -> Iterator[str]:
+    """By how much the held ends were logged at another time than they were seen [s]."""
+    if late_s:
+        where = f"the held ends are seen at t where the robot logged them at t - ({late_s:.3f} s)"
+        yield f"{index.name}: {where}: arc lengths count by that, times stay; correct t_s in motion.csv"
 
 
 def _doubts(chains: Sequence[FrameChain], index: CaptureIndex) -> Iterator[str]:

@@ -107,7 +107,9 @@ def chain_frame(
     whole = index.rope.length_m if axis.fitted or held else float(axis.s_m[-1])
     share = _seen_share(axis, index.rope.length_m)
     if share < settings.min_seen:
-        raise _no_rope(frame, f"only {share:.0%} of the rope is seen")
+        raise _no_rope(
+            frame, f"only {share:.1%} of the rope is seen, chain.min_seen is {settings.min_seen:.1%}"
+        )
     s_m, points, pixel = greedy_chain(axis, whole / (settings.points - 1), settings.points)
     if not len(s_m):
         raise _no_point(frame, strands, (start, end), index.rope.length_m)

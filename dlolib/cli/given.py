@@ -54,6 +54,9 @@ def recording(folder: Path, quasi_static: str | None = None) -> Recording:
 
     read = read_recording(folder)
     say(motion_doubts(read.motion, read.points.t_s, folder / "motion.csv"))
+    if read.obstacles and read.rope.diameter_m is None:
+        file = folder / "recording.json"
+        say([f"{file}: object.diameter_m is not given: its axis may touch obstacles; measure it"])
     return read if quasi_static is None else replace(read, quasi_static=quasi_static == "true")
 
 

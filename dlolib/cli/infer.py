@@ -14,7 +14,7 @@ from dlolib.cli.say import print_line
 from dlolib.cli.values import parse_effects, parse_values
 from dlolib.errors import ParameterError
 from dlolib.outputs import check_out
-from dlolib.rope_values import check_places, elsewhere, rope_values
+from dlolib.rope_values import elsewhere, rope_values, with_effects
 
 if TYPE_CHECKING:
     from dlolib.types import Fit
@@ -40,8 +40,7 @@ def simulate(
     known = rope_values(read.rope, read.name, given.stored(fit, verdict), parse_values(values or []))
     if verdict is not None and read.name not in given.diagnosed(verdict):
         known = elsewhere(known)
-    known = replace(known, parameters={**known.parameters, **parse_effects(effects or [])})
-    check_places(known.rope, known.parameters)
+    known = with_effects(known, parse_effects(effects or []))
     params, mesh = given.params(), given.mesh()
     sweeps = None if params is None else params.rod.iterations
     rod = given.rod(known, mesh.particles_for(known.rope.length_m))

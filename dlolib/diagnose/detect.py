@@ -12,7 +12,7 @@ import numpy as np
 from scipy import optimize, stats
 
 from dlolib.diagnose.fitting import Fitted, Hypothesis, fit
-from dlolib.diagnose.study import Study
+from dlolib.diagnose.study import Study, held_somewhere
 from dlolib.errors import DloError
 from dlolib.identify.problem import axes
 from dlolib.sim.effects import EFFECTS, parameter
@@ -53,6 +53,8 @@ def asked(study: Study, without: tuple[str, ...]) -> list[Size]:
             continue
         for part in sizes(effect):
             form = next(f for f in forms(effect) if part in f)
+            if not held_somewhere(study, name, form):
+                continue
             others = {p: study.middle(f"{name}.{p}") for p in form if p != part and p not in sizes(effect)}
             found.append(Size(name, part, {f"{name}.{p}": value for p, value in others.items()}))
     return found

@@ -22,7 +22,8 @@ from dlolib.diagnose.verdict import Found, simulated, verdict_of
 from dlolib.diagnose.whitening import Whitener, grid_of, lasting
 from dlolib.diagnose.workers import Workers
 from dlolib.errors import ParameterError
-from dlolib.identify.identify import FIRST_STIFFNESS_M4_S2
+from dlolib.identify.identify import FIRST_STIFFNESS_M4_S2, check_loaded
+from dlolib.identify.parameters import SOFTEST_M4_S2
 from dlolib.identify.problem import axes, check_held_ends, check_one_object, seen_axes
 from dlolib.sim.upright import ROLL, as_logged, unrolled
 from dlolib.types import Floats, Noise, Recording, Verdict
@@ -91,6 +92,7 @@ def diagnose(recordings: Sequence[Recording], settings: DiagnoseSettings) -> Dia
 
 def _check(recordings: Sequence[Recording]) -> None:
     check_one_object(recordings)
+    check_loaded(recordings, SOFTEST_M4_S2, "it weighs nothing")
     for recording in recordings:
         fitted = _fitted_points(recording, 0.0)
         points, frames = int(fitted.sum()), len(np.unique(recording.points.frame[fitted]))

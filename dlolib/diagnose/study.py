@@ -392,11 +392,11 @@ def library(
         found += [
             (name, form)
             for form in forms(effect)
-            if (len(form) <= MOST_OF_ONE_POSE or not still) and _held_somewhere(study, name, form)
+            if (len(form) <= MOST_OF_ONE_POSE or not still) and held_somewhere(study, name, form)
         ]
     return found
 
 
-def _held_somewhere(study: Study, effect: str, form: Sequence[str]) -> bool:
+def held_somewhere(study: Study, effect: str, form: Sequence[str]) -> bool:
     """Whether every part of an effect belongs to no end, or to one that is held in some recording."""
     return all(any(held(one.recording, f"{effect}.{part}") for one in study.seen) for part in form)

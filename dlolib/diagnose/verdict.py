@@ -63,6 +63,8 @@ def verdict_of(found: Found) -> Verdict:
     share = probabilities(study, found.searched)
     told = decision.status in ("explained", "ambiguous") or helps(decision.winner, found.searched.baseline)
     names = decision.winner.effects if told else ()
+    # what each recording has for itself goes with the model that `Verdict.fit` hands on
+    kept = decision.winner if told else found.searched.baseline
     effects = tuple(named(study, name, share[name], best.parameters) for name in names)
     mismatch = decision.status != "no_mismatch"
     where = sorted((p for s in found.scans for p in s.places), key=lambda p: -p.strength) if mismatch else []
@@ -70,12 +72,12 @@ def verdict_of(found: Found) -> Verdict:
     asked = None if found.asked is None else found.asked.says
     words = summary(decision, effects, where, base, best, asked, len(study.seen) > 1)
     return Verdict(
-        summary=" ".join([words, *mounted_otherwise(decision.winner.point, recordings)]),
+        summary=" ".join([words, *mounted_otherwise(kept.point, recordings)]),
         recordings=recordings,
         status=decision.status,
         noise=SeenNoise(noise.sigma_m, noise.correlation_points, noise.correlation_frames, source),
         baseline=base,
-        nuisances={name: estimates(study, decision.winner, k) for k, name in enumerate(recordings)},
+        nuisances={name: estimates(study, kept, k) for k, name in enumerate(recordings)},
         where=tuple(where),
         effects=effects,
         candidates=_candidates(found),

@@ -35,13 +35,16 @@ class Grid:
 
 
 def grid_of(recording: Recording, used: np.ndarray) -> Grid:
-    """The used points of a recording as a grid: by arc length, or by rank where frames share none."""
+    """The used points of a recording as a grid: by arc length, or by rank where frames share none or
+    hold two points that are hardly apart."""
     points = recording.points
     frame, row = np.unique(points.frame[used], return_inverse=True)
     arc = np.round(points.s_m[used] / recording.rope.length_m, 5)
     places, column = np.unique(arc, return_inverse=True)
     most = int(np.bincount(row).max())
-    if len(places) > 2 * most:
+    # two points of one frame that are hardly apart would share a place
+    crowded = len(np.unique(row * len(places) + column)) < len(row)
+    if crowded or len(places) > 2 * most:
         first = np.searchsorted(row, np.arange(len(frame)))
         column = np.arange(len(row)) - first[row]
         return Grid(frame, row, column, most)

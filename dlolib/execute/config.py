@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Annotated
 
@@ -11,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from dlolib.errors import FormatError
 from dlolib.execute.limits import BOX, IDENTITY, Joints, Limits, Matrix, Point, RobotConfig
 from dlolib.execute.robots import ROBOTS
-from dlolib.formats import say
+from dlolib.formats import read_object, say
 
 LARGEST_M = 50.0
 RIGID = 1e-3
@@ -85,10 +86,10 @@ def read_robot(file: Path | None) -> RobotConfig:
         say([f"without --robot {where}; give robot.json (base_from_world, tool_from_grasp) if they are not"])
         return RobotConfig()
     path = Path(file)
-    if not path.is_file():
-        raise FormatError("no such file (robot.json)", file=path, mend="add it or correct the path")
+    content = read_object(path, "robot.json")
     try:
-        model = _RobotModel.model_validate_json(path.read_bytes())
+        # as JSON again: there a tuple is a list, strictly
+        model = _RobotModel.model_validate_json(json.dumps(content))
     except ValidationError as error:
         raise _refusal(error, path) from error
     given = model.model_dump()
@@ -103,4 +104,4 @@ def _refusal(error: ValidationError, path: Path) -> FormatError:
     if first["type"] == "extra_forbidden":
         model = _LimitsModel if place and place.startswith("limits.") else _RobotModel
         problem, mend = "unknown key", f"valid are {', '.join(model.model_fields)}"
-    return FormatError(problem, file=path, place=place, mend=mend or "correct the value (lengths in metres)")
+    return FormatError(problem, file=path, place=place, mend=mend or "correct the value")

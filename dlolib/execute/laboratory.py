@@ -178,7 +178,9 @@ def compare(run: LabRun, layout: Layout, rod_m: Floats | None) -> LawOutcome:
     goal_share = layout.goal_s_m / layout.rope.length_m
     goal = make_interp_spline(goal_share, layout.goal_m, k=min(3, len(goal_share) - 1))
     given = (share >= goal_share[0] - ROUNDING) & (share <= goal_share[-1] + ROUNDING)
-    to_goal = _distance(run.xyz_m[-1][given], goal(share[given]))
+    # of a goal between two nodes its own points are compared
+    compared = share[given] if given.any() else goal_share
+    to_goal = _distance(axis(compared), goal(compared))
     rod_error: dict[str, float] | None = None
     if rod_m is not None:
         to_rod = _distance(rod_m, axis(np.linspace(0.0, 1.0, len(rod_m))))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,8 @@ from dlolib.execute.path import sampled
 from dlolib.execute.recorded import columns
 from dlolib.files import write_csv, write_json
 from dlolib.formats import interpolate_motion
-from dlolib.types import Floats, Motion
+from dlolib.progress import track
+from dlolib.types import Floats, Ints, Motion
 
 LOG_DIGITS, ALL_DIGITS, LATE_S = 12, 17, 1e6
 # No controller counts further [s].
@@ -27,6 +28,10 @@ FARTHEST_M = 100.0
 # A log that ends so long before its path [s] is not of all of it.
 BROKEN_OFF_S = 0.1
 SEARCH_S = 0.05
+# After the end of its path a robot has so long to come to it [s]; what it does then is another motion.
+ARRIVES_S = 2.0
+# Samples of a run follow each other within so long [s], most of them.
+USUAL_GAP_S, LONGEST_GAP_S = 0.5, 60.0
 LARGEST_LAG_S = 0.5
 CURVE_STEP_M = 2e-5
 ROUNDING_M = 1e-9
@@ -131,6 +136,7 @@ def read_log(folder: Path) -> RobotLog:
     if (bad := np.flatnonzero(np.diff(t_s) <= 0)).size:
         place = f"line {table['line'].iloc[bad[0] + 1]}, column timestamp"
         raise FormatError("does not rise", file=file, place=place, mend="remove repeated samples")
+    _check_gaps(t_s, table["line"].to_numpy(), file)
     actual = _numbers(table, columns({"actual_TCP_pose": 6}), file)
     if (far := np.flatnonzero(np.abs(actual[:, :3]).max(axis=1) > FARTHEST_M)).size:
         place = f"line {table['line'].iloc[far[0]]}, column actual_TCP_pose"
@@ -194,10 +200,12 @@ def tracking_error(log: RobotLog, path: Motion, start_s: float) -> float | None:
 
 
 def path_error(t_s: Floats, poses: Floats, path: Motion, start_s: float) -> float:
-    """Largest distance [m] of poses (N, 6) at times (N,) from the path as a curve, from start_s [s] on."""
+    """Largest distance [m] of poses (N, 6) at times (N,) from the path as a curve, from start_s [s] on, until
+    it has arrived at its end."""
     longest_m = float(np.linalg.norm(np.diff(sampled(path, SEARCH_S)[:, :3], axis=0), axis=1).max())
     curve = sampled(path, SEARCH_S * min(1.0, CURVE_STEP_M / max(longest_m, ROUNDING_M)))
-    away, _ = KDTree(curve[:, :3]).query(poses[t_s >= start_s, :3])
+    during = (t_s >= start_s) & (t_s <= start_s + np.ptp(path.t_s) + ARRIVES_S)
+    away, _ = KDTree(curve[:, :3]).query(poses[during, :3])
     return float(np.max(away))
 
 
@@ -205,7 +213,10 @@ def best_start(log: RobotLog, path: Motion) -> float:
     """The start [s] of the whole path, in the controller's time, that fits the log best."""
     latest = max(log.t_s[-1] - (path.t_s[-1] - path.t_s[0]), log.t_s[0]) + SEARCH_S
     tries = np.arange(log.t_s[0] - SEARCH_S, latest, SEARCH_S)
-    errors = [tracking_error(log, path, float(start)) for start in tries]
+    # a few samples a try tell which is near
+    every = max(int(SEARCH_S / np.median(np.diff(log.t_s))), 1)
+    thin = replace(log, t_s=log.t_s[::every], actual=log.actual[::every])
+    errors = [tracking_error(thin, path, float(start)) for start in track(tries, "path in the log")]
     coarse = float(tries[int(np.argmin([FAR_M if error is None else error for error in errors]))])
     return _least(log, path, (coarse - SEARCH_S, coarse + SEARCH_S))
 
@@ -218,6 +229,21 @@ def _least(log: RobotLog, path: Motion, between: tuple[float, float]) -> float:
         return FAR_M if value is None else value
 
     return float(minimize_scalar(error, bounds=between, method="bounded", options={"xatol": 1e-4}).x)
+
+
+def _check_gaps(t_s: Floats, line: Ints, file: Path) -> None:
+    """Refuse times in another unit than seconds, and logs of more than one run."""
+    gaps = np.diff(t_s)
+    if not len(gaps):
+        return
+    if np.median(gaps) > USUAL_GAP_S:
+        problem = f"samples are {np.median(gaps):g} s apart, which no run's are"
+        raise FormatError(problem, file=file, place="column timestamp", mend="give seconds")
+    if gaps.max() > LONGEST_GAP_S:
+        at = int(np.argmax(gaps)) + 1
+        problem = f"nothing was recorded for {gaps[at - 1]:g} s before it"
+        place = f"line {line[at]}, column timestamp"
+        raise FormatError(problem, file=file, place=place, mend="give the log of one run")
 
 
 def _numbers(table: pd.DataFrame, names: list[str], file: Path) -> Floats:

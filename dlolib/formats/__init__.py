@@ -1,5 +1,6 @@
 """The files at the border: read strictly, written whole, refused in one line."""
 
+from dlolib.formats._json import read_object
 from dlolib.formats.capture import read_capture_index, write_capture_index, write_capture_json
 from dlolib.formats.doubts import motion_doubts, moves, say
 from dlolib.formats.fit import read_fit, write_fit
@@ -23,6 +24,7 @@ __all__ = [
     "read_given_motion",
     "read_layout",
     "read_motion",
+    "read_object",
     "read_recording",
     "read_verdict",
     "say",

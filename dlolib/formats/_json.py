@@ -43,17 +43,22 @@ def existing(path: Path, what: str) -> Path:
     raise FormatError("no such folder", file=path.parent, mend="correct the path")
 
 
-def read_json(path: Path, form: str) -> dict[str, Any]:
-    """Parse the JSON object in `path` and check that its `format` is `form`."""
-    existing(path, form)
+def read_object(path: Path, what: str) -> dict[str, Any]:
+    """Parse the JSON object in `path`; no key of one object stands in it twice."""
+    existing(path, what)
     try:
-        content = json.loads(path.read_text(encoding="utf-8-sig"), parse_constant=_refuse_constant)
+        text = path.read_text(encoding="utf-8-sig")
+        content = json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_once)
     except UnicodeDecodeError as error:
         raise FormatError("is not text in UTF-8", file=path, mend="save it as UTF-8") from error
     except json.JSONDecodeError as error:
         place = f"line {error.lineno}, column {error.colno}"
         raise FormatError(
             f"is not JSON: {error.msg}", file=path, place=place, mend="mend it there"
+        ) from error
+    except _TwiceError as error:
+        raise FormatError(
+            "this key is given twice", file=path, place=str(error), mend="remove one"
         ) from error
     except _ConstantError as error:
         raise FormatError(f"{error} is not JSON", file=path, mend="give a finite number or null") from error
@@ -62,6 +67,12 @@ def read_json(path: Path, form: str) -> dict[str, Any]:
         raise FormatError(f"cannot be read: {str(error)[:80]}", file=path, mend="mend it") from error
     if not isinstance(content, dict):
         raise FormatError("holds no JSON object", file=path, mend='begin with {"format": ...}')
+    return content
+
+
+def read_json(path: Path, form: str) -> dict[str, Any]:
+    """The JSON object in `path`, whose `format` is `form`."""
+    content = read_object(path, form)
     if content.get("format") != form:
         problem = f"says {content.get('format')!r}, expected {form!r}"
         raise FormatError(problem, file=path, place="format", mend="give the right file or correct the key")
@@ -107,6 +118,17 @@ def _misspelt(
         if alike:
             where = f"{above}{key}"
             yield FormatError("is not read", file=path, place=where, mend=f"write {alike[0]}, if it is meant")
+
+
+class _TwiceError(ValueError):
+    """A key that Python's reader would take the last value of."""
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        raise _TwiceError(next(key for k, (key, _) in enumerate(pairs) if key in dict(pairs[:k])))
+    return found
 
 
 class _ConstantError(ValueError):

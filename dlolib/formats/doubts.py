@@ -20,6 +20,8 @@ BEYOND_FRAMES = 0.5
 MOVES_M = 1e-3
 # Nobody turns an end by almost a whole turn from one row to the next: the same pose has two signs.
 ALMOST_WHOLE_RAD = 6.0
+# A motion that lasts so many times as long as its frames counts its time in another unit.
+ANOTHER_UNIT = 100
 # Rows so many times further apart than most, while an end moves, have others lost between them.
 LOST_ROWS = 10
 
@@ -34,7 +36,7 @@ def motion_doubts(motion: Motion, t_s: Floats, file: Path) -> list[str]:
 
 
 def _beyond(motion: Motion, t_s: Floats) -> list[Doubt]:
-    """Frames before or after the rows of a motion, where its first or last pose holds."""
+    """Frames before or after the rows of a motion, where its first or last pose holds; too few of them."""
     times = np.unique(t_s)
     step = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
     found = []
@@ -45,6 +47,10 @@ def _beyond(motion: Motion, t_s: Floats) -> list[Doubt]:
         if late > BEYOND_FRAMES * step:
             problem = f"{what.format(late)}, and its pose there is taken to hold"
             found.append((problem, "t_s", "check that it is whole and that both clocks agree"))
+    lasts_s, seen_s = float(np.ptp(motion.t_s)), float(np.ptp(times))
+    if 0 < ANOTHER_UNIT * seen_s < lasts_s:
+        problem = f"goes on for {lasts_s:.4g} s, and the frames for {seen_s:.4g} s"
+        found.append((problem, "t_s", "give seconds: divide milliseconds by 1000"))
     return found
 
 

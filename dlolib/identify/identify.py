@@ -95,7 +95,7 @@ def identify(
         if _declared(recording).all():
             held = f"{recording.name}: every frame is held out"
             raise ParameterError(held, place="heldout_frames", mend="leave frames to fit")
-    _check_loaded(recordings, SOFTEST_M4_S2, "it weighs nothing")
+    check_loaded(recordings, SOFTEST_M4_S2, "it weighs nothing")
     problem, theta = _begin(recordings, settings, given)
     problem, theta = _acting_only(problem, theta, settings)
     history: list[Floats] = []
@@ -109,7 +109,7 @@ def identify(
         theta = _solve(problem, theta, settings, history).x
     if Unknown("bending_stiffness") in problem.unknowns:
         stiff = float(problem.rod(0, theta).bending_stiffness)
-        _check_loaded(recordings, stiff, f"at the best EI, {stiff:.2g} N m^2, its weight does not bend it")
+        check_loaded(recordings, stiff, f"at the best EI, {stiff:.2g} N m^2, its weight does not bend it")
     _say_bounded(problem, theta)
     low, high = jackknife(problem, theta)
     # frames that a recording declares as held out were never in the fit; of others the last are left out now
@@ -209,7 +209,7 @@ def _acting_only(problem: Problem, theta: Floats, settings: IdentifySettings) ->
     return _keeping_rods(problem, theta, positions), theta[positions]
 
 
-def _check_loaded(recordings: Sequence[Recording], stiffness: float, why: str) -> None:
+def check_loaded(recordings: Sequence[Recording], stiffness: float, why: str) -> None:
     """Refuse ropes of an EI [N m²] that nothing but their clamps bends: their shape tells GJ / EI alone."""
     if all(unbent(recording, stiffness) for recording in recordings):
         raise ParameterError(
@@ -377,4 +377,4 @@ def _history(problem: Problem, history: Sequence[Floats]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-__all__ = ["Identified", "IdentifySettings", "axes", "identify", "paper_loss", "rms"]
+__all__ = ["Identified", "IdentifySettings", "axes", "check_loaded", "identify", "paper_loss", "rms"]

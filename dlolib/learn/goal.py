@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from dlolib.errors import LayoutError
 from dlolib.formats import say, signed_distance
+from dlolib.learn.arm import REACH
 from dlolib.types import Floats, Layout
 
 # Fewer points than this, or a first or last one further from the rope's ends, are no goal for all of it.
@@ -41,7 +42,7 @@ def check_learnable(layout: Layout, clearance_m: float) -> None:
     Raises:
         LayoutError: an end is free, the goal covers a part of the rope or is drawn shorter than it, A and B
             leave no plane for (16), there are obstacles and the rope's thickness is not known, or one is too
-            near to a held end.
+            near to a held end, or the grasp or the goal's end is further away than the moved end may go.
     """
     if layout.obstacles and layout.rope.diameter_m is None:
         problem = "not known, and a rope of no thickness keeps no clearance to the obstacles"
@@ -65,8 +66,20 @@ def check_learnable(layout: Layout, clearance_m: float) -> None:
         problem = "the goal's last point lies at the grasp, or straight above or below it"
         mend = "move one: arcs turn about an axis that stands on the way between them and on the vertical"
         raise LayoutError(problem, file=layout.name, place="grasp.position_m", mend=mend)
+    _check_reach(layout)
     _check_ends(layout, clearance_m)
     say(_turned_ends(layout, drawn))
+
+
+def _check_reach(layout: Layout) -> None:
+    """The moved end is not led as far from the start as the rope is long: it would be taut."""
+    most_m = REACH * layout.rope.length_m
+    ends = {"grasp.position_m": layout.grasp.position_m, "the last point of goal.csv": layout.goal_m[-1]}
+    for place, point_m in ends.items():
+        away_m = float(np.linalg.norm(point_m - layout.start.position_m))
+        if away_m > most_m:
+            problem = f"is {away_m:.4g} m from the start, and the end is moved to {most_m:.4g} m at most"
+            raise LayoutError(problem, file=layout.name, place=place, mend="bring it nearer")
 
 
 def _turned_ends(layout: Layout, drawn: Floats) -> list[str]:

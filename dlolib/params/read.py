@@ -138,6 +138,8 @@ def _refusal(error: ValidationError, block: type[Block], path: Path, above: Keys
     if found["type"] == "missing":
         return ParameterError("this key is missing", file=path, place=place, mend="add it")
     problem = found["msg"].removeprefix("Input ").removeprefix("Value error, ")
+    if found["type"] == "string_pattern_mismatch":
+        problem = "should be a name of letters, digits, - and _, or a path of such within the folder"
     given = f" (it is {found['input']!r})" if isinstance(found["input"], int | float | str) else ""
     number = isinstance(found["input"], str) and found["type"] in ("float_type", "int_type")
     mend = (

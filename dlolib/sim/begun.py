@@ -23,7 +23,7 @@ from dlolib.sim.recording import RecordingModel, held_poses
 from dlolib.sim.rod import Rod, scene_of
 from dlolib.sim.sides import Sides
 from dlolib.sim.simulate import Clock, Path, Rollout, State, roll_out
-from dlolib.sim.start import frames_along
+from dlolib.sim.start import frames_along, off_clamps
 from dlolib.sim.upright import upright
 from dlolib.types import Floats, Motion, Points, Recording
 
@@ -33,8 +33,6 @@ STANDARD_GRAVITY_M_S2 = 9.81
 FAST = 0.02
 # The shape seen is drawn to the rope's own length in steps so short that nothing else moves [s].
 DRAWN, DRAWN_S = 10, 1e-4
-# A marker this near to a held end, as a share of the length, is on the clamp.
-ON_CLAMP = 1e-6
 # The weight of a held end in a curve through noisy points, over theirs.
 HELD = 1e3
 CUBIC = 3
@@ -138,7 +136,7 @@ class BegunModel(RecordingModel):
         motion, length_m = self._logged(t_s - made.delay_s), recording.rope.length_m
         held = {0.0: motion.start_m, length_m: motion.end_m}
         held = {s: x for s, x in held.items() if np.isfinite(x).all()}
-        inside = [k for k, s in enumerate(s_m) if all(abs(s - end) > ON_CLAMP * length_m for end in held)]
+        inside = off_clamps(s_m, length_m, held)
         if len(inside) + len(held) <= CUBIC:
             raise SimulationError(
                 f"the ends move at first, when {len(inside)} points of the rope are seen: that is no shape",

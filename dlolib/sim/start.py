@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
@@ -10,11 +12,13 @@ from scipy.spatial.transform import Rotation
 from dlolib.errors import SimulationError
 from dlolib.sim.scene import Scene
 from dlolib.sim.simulate import Clock, Path, Rollout, State, relax, roll_out
-from dlolib.types import Floats, Pose
+from dlolib.types import Floats, Ints, Pose
 
 SAMPLES = 2001
 # Damped steps towards equilibrium before the quasi-static one, short ones first: (number, seconds each).
 SETTLING = ((30, 0.03), (10, 0.3))
+# A marker this near to a held end, as a share of the length, is on the clamp: noise would kink the two.
+ON_CLAMP = 1e-3
 
 
 def settle(scene: Scene, state: State, ends: Path) -> Rollout:
@@ -116,6 +120,12 @@ def _hanging(chord: Floats, gravity: Floats, aside: Floats) -> Floats:
     return np.cross(along, [0.0, 1.0, 0.0])
 
 
+def off_clamps(s_m: Floats, length_m: float, held_m: Iterable[float]) -> Ints:
+    """Which of the points at arc lengths s_m (P,) lie on none of the clamps, which are at held_m [m]."""
+    away = [np.abs(s_m - end) > ON_CLAMP * length_m for end in held_m]
+    return np.flatnonzero(np.all(away, axis=0) if away else np.ones(len(s_m), dtype=bool))
+
+
 def curve_through(s_m: Floats, xyz_m: Floats, nodes_m: Floats) -> Floats:
     """Smooth curve through points (P, 3) [m] seen at arc lengths s_m, at other arc lengths (n,): (n, 3)."""
     order = np.argsort(s_m)
@@ -125,12 +135,17 @@ def curve_through(s_m: Floats, xyz_m: Floats, nodes_m: Floats) -> Floats:
 def shape_seen(
     s_m: Floats, xyz_m: Floats, length_m: float, particles: int, start: Pose | None, end: Pose | None
 ) -> State:
-    """A rope at rest where its points (P, 3) [m] at arc lengths s_m were seen, its ends as they are held."""
-    seen = dict(zip(s_m.tolist(), xyz_m, strict=True))
+    """A rope at rest where its points (P, 3) [m] at arc lengths s_m were seen, its ends as they are held.
+
+    Straight from its one held end where nothing else of it was seen.
+    """
     held = {s: pose.position_m for s, pose in ((0.0, start), (length_m, end)) if pose is not None}
-    known = {**seen, **held}
+    seen = off_clamps(s_m, length_m, held)
+    if len(seen) + len(held) < 2:
+        return first_shape(length_m, particles, start, end, np.zeros(3))
     nodes = np.linspace(0.0, length_m, particles)
-    x = curve_through(np.array([*known]), np.array([*known.values()]), nodes)
+    places = np.concatenate([xyz_m[seen], *(x[None] for x in held.values())])
+    x = curve_through(np.concatenate([s_m[seen], [*held]]), places, nodes)
     return State(x[None], x[None].copy(), frames_along(x, start, end)[None])
 
 

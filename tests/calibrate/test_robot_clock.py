@@ -136,4 +136,4 @@ def test_a_motion_that_does_not_tell_is_refused_with_the_reason(recording: Recor
     found = clock_offset(recording)
     assert found.time_s is None and found.low_s is None and found.high_s is None
     assert found.reason is not None and why in found.reason
-    assert found.says.startswith("whether camera and robot share a clock is not known: ")
+    assert found.says.startswith("the points do not tell whether camera and robot share a clock: ")

@@ -46,13 +46,17 @@ def measured(index: CaptureIndex, more_m: Floats) -> list[FrameChain]:
 
 
 @pytest.mark.parametrize("offset_s", [0.0, 0.15, -1.6])
-def test_arc_lengths_do_not_follow_the_motion(tmp_path: Path, offset_s: float) -> None:
+def test_arc_lengths_do_not_follow_the_motion(
+    tmp_path: Path, offset_s: float, caplog: pytest.LogCaptureFixture
+) -> None:
     axes = [shape(float(t)) for t in range(SECONDS)]
     index = replace(write_capture(tmp_path / "capture", axes, Scene()), motion=logged(offset_s))
     write_capture_index(index, tmp_path / "capture")
     result = extract_chain(open_capture(tmp_path / "capture"))
     assert result.clocks_apart_s == pytest.approx(offset_s, abs=0.003)
     assert (result.clocks_apart_s == 0) == (offset_s == 0)
+    said = f"the robot logged them at t - ({result.clocks_apart_s:.3f} s): arc lengths count by that"
+    assert (said in caplog.text) == (offset_s != 0)
     assert result.metrics()["clocks_apart_s"] == result.clocks_apart_s
     # the clocks stay as they were recorded
     np.testing.assert_allclose(result.recording.motion.t_s, index.motion.t_s, atol=1e-9)

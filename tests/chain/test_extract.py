@@ -138,7 +138,7 @@ def test_one_bright_speck_is_no_rope() -> None:
     assert frame.color is not None
     color = frame.color.copy()
     color[280:286, 300:330] = 230
-    with pytest.raises(ChainError, match="of the rope is seen"):
+    with pytest.raises(ChainError, match="% of the rope is seen, chain.min_seen is 20.0%"):
         chain_frame(replace(frame, color=color), index, ChainSettings())
 
 

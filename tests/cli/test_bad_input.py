@@ -115,7 +115,7 @@ RECORDING: list[tuple[Spoil, str]] = [
     (key("recording.json", "object.length_m", "long"), "recording.json: object.length_m: Input should be"),
     (
         key("recording.json", "obstacles.0.center_m", [0.01, 0, 0]),
-        "motion.csv: line 2: the clamped start is 20.0 mm inside obstacle 0 (cylinder) at t_s = 0; move",
+        "motion.csv: t_s = 0: the clamped start is 20.0 mm inside obstacle 0 (cylinder); move",
     ),
     (key("recording.json", "object.length_m", 0), "object.length_m: Input should be greater than 0"),
     (key("recording.json", "obstacles.0.shape", "torus"), "valid are cylinder, sphere, plane, box, capsule"),
@@ -129,7 +129,7 @@ LAYOUT: list[tuple[Spoil, str]] = [
     (missing("goal.csv"), "goal.csv: no such file"),
     (missing("layout.json"), "layout.json: no such file"),
     (millimetres("goal.csv"), "divide by 1000"),
-    (key("layout.json", "object.length_m", 0.42), "goal.csv: line 13: the goal is longer than the rope"),
+    (key("layout.json", "object.length_m", 0.42), "goal.csv: s_m = 0.445: the goal is longer than the rope"),
     (key("layout.json", "obstacles.0.center_m", [0.2, 0, -0.07]), "inside obstacle 0 (cylinder)"),
     (key("layout.json", "obstacles.0.center_m", [0.01, 0, 0]), "inside obstacle 0 (cylinder)"),
     (

@@ -33,6 +33,17 @@ DIAGNOSE = {
 MESH = {key: ROD[key] for key in ("particles", "longest_segment_m", "time_step_s")}
 
 
+def test_of_a_rope_beside_obstacles_the_thickness_is_asked_for(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    folder = samples.recording_folder(tmp_path / "r")
+    given.recording(folder)
+    assert "diameter_m" not in caplog.text
+    samples.set_key(folder / "recording.json", "object.diameter_m", None)
+    assert given.recording(folder).obstacles
+    assert "recording.json: object.diameter_m is not given: its axis may touch obstacles" in caplog.text
+
+
 class Handed(Exception):  # noqa: N818  (what happened)
     """What a command handed over."""
 

@@ -8,7 +8,7 @@ import pytest
 
 from dlolib.cli.values import parse_values
 from dlolib.errors import ParameterError
-from dlolib.rope_values import rope_values
+from dlolib.rope_values import RopeValues, rope_values, with_effects
 from dlolib.types import PER_DENSITY, Estimate, Fit, Rope
 
 WEIGHED, UNWEIGHED = Rope("rope", 0.445, 0.008, 0.04), Rope("rope", 0.445)
@@ -65,6 +65,18 @@ def test_forces_and_masses_of_a_rope_that_was_not_weighed_go_with_its_density() 
     assert rope_values(UNWEIGHED, "two", found, {}).parameters["lateral_load.x"] == 2.0
     known = rope_values(UNWEIGHED, "two", found, {"linear_density": 0.05}).parameters
     assert (known["lateral_load.x"], known["mass_profile.s"]) == (pytest.approx(0.1), 0.1)
+
+
+def test_a_mass_of_a_rope_that_nobody_weighed_counts_per_density(caplog: pytest.LogCaptureFixture) -> None:
+    known = RopeValues(UNWEIGHED, {"bending_stiffness": 0.02})
+    assert with_effects(known, {"mass_profile.mass": 0.05}).parameters["mass_profile.mass"] == 0.05
+    assert "what mass_profile.mass has in kg counts as kg per kg/m; give --set linear_density" in caplog.text
+    caplog.clear()
+    with_effects(known, {"clock_offset.time": 0.05})
+    with_effects(
+        replace(known, rope=replace(UNWEIGHED, linear_density_kg_m=0.05)), {"mass_profile.mass": 0.05}
+    )
+    assert not caplog.text
 
 
 def test_newtons_need_a_density() -> None:

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -14,11 +16,13 @@ from scipy.stats import kstest
 from sim.ropes import EI, GJ, GRAVITY, LEVEL, ROPE
 
 from dlolib.cli import run
-from dlolib.diagnose import DiagnoseSettings, Diagnosis, diagnose, locate, search, write_diagnosis
-from dlolib.diagnose.detect import gain_needed
+from dlolib.diagnose import DiagnoseSettings, Diagnosis, diagnose, locate, search, verdict, write_diagnosis
+from dlolib.diagnose.detect import asked, gain_needed
 from dlolib.diagnose.diagnose import _check, raw_study
 from dlolib.diagnose.fitting import fit, hypothesis
 from dlolib.diagnose.residuals import slow_modes
+from dlolib.diagnose.study import Study
+from dlolib.diagnose.verdict import verdict_of
 from dlolib.errors import ParameterError
 from dlolib.formats import read_fit, read_recording, read_verdict, write_recording
 from dlolib.sim.continuum import simulated
@@ -265,6 +269,20 @@ def test_one_object_may_have_been_measured_twice() -> None:
     assert [rod.rope.length_m for rod in rods] == [ROPE.length_m, 1.001 * ROPE.length_m]
 
 
+def test_without_a_load_nothing_tells_how_stiff_the_rope_is() -> None:
+    with pytest.raises(ParameterError, match="no load tells how stiff the rope is: it weighs nothing"):
+        diagnose([replace(made({}), gravity_m_s2=np.zeros(3))], QUICK)
+
+
+def test_what_happens_at_an_end_that_nobody_holds_has_no_size() -> None:
+    free = replace(made({}), ends=Ends(end="free"))
+    study = SimpleNamespace(seen=[SimpleNamespace(recording=free)], middle=lambda name: 0.1)
+    named = {one.name for one in asked(cast(Study, study), ())}
+    assert "grasp_slip" not in named and "plastic_bending" in named
+    study.seen[0].recording = made({})
+    assert "grasp_slip" in {one.name for one in asked(cast(Study, study), ())}
+
+
 def test_different_objects_are_refused() -> None:
     other = replace(made({}), rope=replace(ROPE, name="cable"), name="other")
     with pytest.raises(ParameterError, match="one object"):
@@ -287,7 +305,9 @@ def test_the_verdict_does_not_depend_on_the_processes() -> None:
     assert shared == found("spot").verdict
 
 
-def test_two_recordings_share_the_material_and_are_mounted_each_in_its_own_way() -> None:
+def test_two_recordings_share_the_material_and_are_mounted_each_in_its_own_way(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """One is held 3 degrees otherwise, of which no effect is made; its declared frames alone are held out."""
     other = made({"end_angle.start_1": np.deg2rad(3.0)}, seed=2)
     one = replace(made({}), name="first")
@@ -298,6 +318,12 @@ def test_two_recordings_share_the_material_and_are_mounted_each_in_its_own_way()
     assert not both.verdict.nuisances["first"]
     assert both.verdict.baseline.heldout_rmse_m == pytest.approx(np.sqrt(3) * SIGMA, rel=0.15)
     assert [len(np.unique(seen.recording.points.frame)) for seen in both.found.study.seen] == [FRAMES, 30]
+    # where no effect is named, how each is mounted goes with the elastic rod that is handed on
+    monkeypatch.setattr(verdict, "helps", lambda model, base: False)
+    base = both.found.searched.baseline
+    poor = replace(base, effects=("plastic_bending",), theta=1.5 * base.theta)
+    decision = replace(both.found.decision, status="unexplained", winner=poor)
+    assert verdict_of(replace(both.found, decision=decision)).nuisances == both.verdict.nuisances
 
 
 def test_the_way_back_is_found_of_a_rope_with_a_free_end() -> None:

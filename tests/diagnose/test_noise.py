@@ -59,6 +59,16 @@ def test_whitening_is_exact(lost: float) -> None:
     assert np.sum(Whitener(grid, noise)(values) ** 2) == pytest.approx(expected, rel=1e-10)
 
 
+def test_of_points_that_are_hardly_apart_each_counts() -> None:
+    noise = Noise(SIGMA, 0.0, 0.0)
+    made, values = noisy(noise, 8, 7, 0.0)
+    s_m = made.points.s_m.copy()
+    s_m[1::7] = s_m[0::7] + 1e-7 * made.rope.length_m
+    seen = replace(made, points=replace(made.points, s_m=s_m))
+    grid = grid_of(seen, np.ones(len(values), dtype=bool))
+    assert np.sum(Whitener(grid, noise)(values) ** 2) == pytest.approx(np.sum(values**2) / SIGMA**2)
+
+
 def test_a_points_own_covariance_counts() -> None:
     noise = Noise(SIGMA, 0.0, 0.0)
     made, values = noisy(noise, 4, 5)

@@ -37,10 +37,13 @@ def test_what_is_given_counts_and_the_rest_is_default(tmp_path: Path) -> None:
     assert np.array_equal(config.matrices()[0], TURNED)
     assert config.limits == Limits(speed_m_s=0.1)
     assert read_robot(written(config.content(), tmp_path)) == config
+    marked = written("\ufeff" + json.dumps(config.content()), tmp_path)
+    assert read_robot(marked) == config
 
 
 BAD = {
     "no JSON": ("{", "robot.json"),
+    "twice": ('{"time_scale": 5, "time_scale": 1}', "time_scale: this key is given twice; remove one"),
     "no place of the base": ({}, "base_from_world"),
     "unknown key": ({"base_from_world": TURNED, "base": 1}, "base: unknown key; valid are robot"),
     "unknown limit": (

@@ -132,6 +132,10 @@ def test_distances_are_at_equal_arc_length() -> None:
     goal_m[-1, 2] += 1e-4
     found = compare(run, replace(there, goal_s_m=there.goal_s_m[part], goal_m=goal_m), rod)
     assert found.goal_error_m == pytest.approx({"mean": 0.003, "max": 0.003, "end": 0.003}, rel=0.01)
+    # nor where it lies between two nodes
+    two = LENGTH_M * np.array([0.501, 0.505])
+    found = compare(run, replace(there, goal_s_m=two, goal_m=np.outer(two / LENGTH_M, B)), rod)
+    assert found.goal_error_m == pytest.approx({"mean": 0.003, "max": 0.003, "end": 0.003})
 
 
 def test_a_trajectory_of_another_layout_is_refused() -> None:

@@ -79,6 +79,20 @@ def test_a_log_that_breaks_off_is_of_no_completed_run() -> None:
     assert evaluate(replace(followed(), result={}), arc()).completed
 
 
+def test_what_a_robot_does_after_its_path_is_another_motion() -> None:
+    log = followed()
+    home = np.repeat(log.actual[-1:], 3000, axis=0)
+    home[:, 2] += np.linspace(-2.0, 1.0, 3000).clip(0.0) * 0.1
+    t_s = np.concatenate([log.t_s, log.t_s[-1] + PERIOD_S * np.arange(1, 3001)])
+    went = np.concatenate([log.actual, home])
+    result = evaluate(RobotLog(t_s, went, went, {}), arc())
+    assert result.path_error_m == pytest.approx(0, abs=1.1e-5) and not result.of_another
+    # what it does at once is not
+    near = np.concatenate([log.actual, home[2900:]])
+    result = evaluate(RobotLog(t_s[: len(near)], near, near, {}), arc())
+    assert result.path_error_m > 0.05 and result.of_another
+
+
 def test_what_no_delay_explains_has_no_lag() -> None:
     log = followed()
     still = replace(log, actual=np.tile(log.actual[:1], (len(log.actual), 1)))
@@ -92,6 +106,26 @@ def recorded(folder: Path, rows: int = 5) -> Path:
     file = folder / "log.csv"
     table.to_csv(file, index=False)
     return file
+
+
+@pytest.mark.parametrize(
+    ("t_s", "said"),
+    [
+        (
+            1e3 * PERIOD_S * np.arange(5),
+            "column timestamp: samples are 2 s apart, .*; give seconds",
+        ),
+        (
+            [0.0, 1.7e9, 1.7e9 + 0.1, 1.7e9 + 0.2, 1.7e9 + 0.3],
+            "line 3, column timestamp: nothing was",
+        ),
+    ],
+)
+def test_times_that_no_run_has_are_refused(tmp_path: Path, t_s: list[float], said: str) -> None:
+    file = recorded(tmp_path)
+    pd.read_csv(file).assign(timestamp=t_s).to_csv(file, index=False)
+    with pytest.raises(FormatError, match=said):
+        read_log(tmp_path)
 
 
 def test_repeats_and_a_torn_last_line_of_the_recorder_are_left_out(tmp_path: Path) -> None:

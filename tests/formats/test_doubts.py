@@ -54,6 +54,13 @@ def test_frames_beyond_the_motion_are_told(motion: Motion) -> None:
     assert motion_doubts(motion, FRAMES_S[:1], FILE) == motion_doubts(motion, FRAMES_S[-1:], FILE) == []
 
 
+def test_a_motion_in_milliseconds_is_told(motion: Motion) -> None:
+    lines = motion_doubts(replace(motion, t_s=1e3 * motion.t_s), FRAMES_S + 1.0, FILE)
+    assert "goes on for 2000 s, and the frames for 2 s; give seconds" in lines[0]
+    still = replace(motion, t_s=1e3 * motion.t_s, end_m=np.tile(motion.end_m[:1], (201, 1)))
+    assert motion_doubts(still, FRAMES_S + 1.0, FILE) == []
+
+
 def test_times_of_a_clock_that_counts_from_1970_are_told_apart(motion: Motion) -> None:
     late = replace(motion, t_s=motion.t_s + 1.7e9)
     (line,) = motion_doubts(without(late, 51, 150), FRAMES_S + 1.7e9, FILE)

@@ -15,6 +15,7 @@ from dlolib.formats import read_fit, read_verdict
     [
         (b"\xff\xfe{}", "is not text in UTF-8; save it as UTF-8"),
         (b"[]", "holds no JSON object; begin with"),
+        (b'{"a": {"rmse_m": 1, "rmse_m": 2}}', "rmse_m: this key is given twice; remove one"),
         (b'"dlo-fit/1"', "holds no JSON object; begin with"),
         # Python's own reader gives up on these in other ways than on what is no JSON
         (b"[" * 100_000, "cannot be read: "),

@@ -81,6 +81,24 @@ def test_a_goal_drawn_shorter_than_the_rope_is_refused(layout: Layout) -> None:
         check_learnable(replace(layout, goal_m=small), CLEARANCE_M)
 
 
+def test_an_end_further_away_than_the_end_is_moved_is_refused(layout: Layout) -> None:
+    start = layout.start.position_m
+    for share, refused in ((0.979, False), (0.981, True)):
+        far = start + np.array([share * layout.rope.length_m, 0.0, 0.0])
+        taut = replace(layout, grasp=replace(layout.grasp, position_m=far), obstacles=())
+        if refused:
+            with pytest.raises(
+                LayoutError, match="grasp.position_m: is 0.4365 m from the start, and the end"
+            ):
+                check_learnable(taut, CLEARANCE_M)
+        else:
+            check_learnable(taut, CLEARANCE_M)
+    goal_m = layout.goal_m.copy()
+    goal_m[-1] = start + np.array([0.99 * layout.rope.length_m, 0.0, 0.0])
+    with pytest.raises(LayoutError, match="the last point of goal.csv: is 0.4405 m from the start"):
+        check_learnable(replace(layout, goal_m=goal_m, obstacles=()), CLEARANCE_M)
+
+
 def test_an_end_that_is_held_across_the_goal_is_said(
     layout: Layout, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -74,7 +74,7 @@ def test_the_committed_file_is_good() -> None:
         ("  first_arc: 0.75", "  first_arc: 1.0", "learn.first_arc: should be less than 1"),
         ("frame_every: 10", "frame_every: 1000", "lab.frame_every: leaves no frame of so many waypoints"),
         ("  steps: 300", "  steps: 300\n  steps: 30", "steps: this key is given twice; remove one"),
-        ("layouts: [layout_1", "layouts: [../layout", "layouts.0: String should match pattern"),
+        ("layouts: [layout_1", "layouts: [../layout", "layouts.0: should be a name of letters, digits, -"),
         ("layouts: [layout_1", "layouts: [layout_1, layout_1", "layouts: layout_1 stands in it more"),
         ("laws: [elastic, plastic]", "laws: [plastic, plastic]", "execute.laws: plastic stands in it more"),
         ("  parameters: null ", "  parameters: [] ", "identify.parameters: List should have at least 1 item"),
