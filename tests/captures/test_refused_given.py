@@ -51,7 +51,7 @@ def test_an_obstacle_around_a_clamp(tmp_path: Path, refused: Refusals) -> None:
     foreign.given(refused.about, **HELD, obstacles=[sphere])
     shot = foreign.frames()
     csv = foreign.elsewhere(tmp_path, foreign.motion(shot))
-    says = "robot.csv: line 2: the clamped start is 20.0 mm inside obstacle 0 (sphere)"
+    says = "robot.csv: t_s = 1700000000.02: the clamped start is 20.0 mm inside obstacle 0 (sphere)"
     refused(foreign.redwood(tmp_path / "source", shot), says, "--motion", str(csv))
 
 
