@@ -413,3 +413,10 @@ def elsewhere(folder: Path, moved: Motion) -> Path:
     """motion.csv outside of any capture."""
     write_motion(moved, folder / "robot.csv")
     return folder / "robot.csv"
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    """What lies in a folder, by its path there."""
+    return {
+        p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()
+    }
