@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -14,9 +15,10 @@ from dlolib.diagnose.detect import asked, detectable, sized
 from dlolib.diagnose.fitting import Fitted
 from dlolib.diagnose.heldout import black_box, foretell
 from dlolib.diagnose.locate import Reversal, reversal, scan
+from dlolib.diagnose.meshes import fine_enough
 from dlolib.diagnose.noise import NoiseTold, known_noise, noise_left
 from dlolib.diagnose.nuisances import before, between
-from dlolib.diagnose.search import Searched, baseline, search, searched_again, simulated_once
+from dlolib.diagnose.search import Searched, baseline, once_more, search, searched_again, simulated_once
 from dlolib.diagnose.study import Bools, DiagnoseSettings, Seen, Study, acting_only, seen_as
 from dlolib.diagnose.verdict import Found, simulated, verdict_of
 from dlolib.diagnose.whitening import Whitener, grid_of, lasting
@@ -60,6 +62,12 @@ def diagnose(recordings: Sequence[Recording], settings: DiagnoseSettings) -> Dia
     with Workers(settings.workers) as run:
         study, told = _study(recordings, known, run, settings)
         searched = search(study, settings, run)
+        best = _best(searched)
+        finer = fine_enough(study, best, settings, partial(once_more, best))
+        if finer is not study:
+            study = finer
+            run.begin(study)
+            searched = search(study, settings, run)
         if not all(known):
             told = _told_by(study, _best(searched), known)
             study = _with_noise(study, told)
@@ -111,6 +119,7 @@ def _study(
     raw = _with_noise(raw_study(recordings, settings, [one.wider for one in told]), told)
     run.begin(raw, simulated_once)
     study = acting_only(raw, FIRST_STIFFNESS_M4_S2)
+    study = fine_enough(study, baseline(study), settings, baseline)
     if not all(known):
         told = _told_by(study, baseline(study), known)
         study = _with_noise(study, told)

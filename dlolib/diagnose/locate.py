@@ -16,13 +16,11 @@ from scipy.fft import dct
 from scipy.spatial.transform import Rotation
 
 from dlolib.diagnose.fitting import Fitted
+from dlolib.diagnose.meshes import left_by_meshes
 from dlolib.diagnose.probes import PLACES, PROBES, places, probe
 from dlolib.diagnose.study import Seen, Study
-from dlolib.errors import SimulationError
 from dlolib.formats import interpolate_motion
 from dlolib.identify.problem import axes
-from dlolib.sim.continuum import mesh_error, refined
-from dlolib.sim.rod import Rod
 from dlolib.types import Floats, Ints, Motion, Place, Recording
 
 DRAWS, LEVEL = 300, 0.99
@@ -127,7 +125,7 @@ def scan(study: Study, job: tuple[Fitted, int, int]) -> Scan:
     threshold = float(np.quantile(largest[1:], LEVEL))
     most = float(largest[0])
     if most > threshold:
-        unsure = _left_by_meshes(one, rod, base.offsets_m[k])
+        unsure = left_by_meshes(one, rod, base.offsets_m[k])
         most = max(_beyond(gains[0, :, w], unsure[a:b].sum()) for w, (a, b) in enumerate(windows))
     # the largest of many are distributed as Gumbel says, beyond as many draws as there are, too
     p_value = float(stats.gumbel_r.sf(most, *stats.gumbel_r.fit(largest[1:])))
@@ -135,20 +133,6 @@ def scan(study: Study, job: tuple[Fitted, int, int]) -> Scan:
     strongest = _strongest(one, gains[0], sizes, windows, arc, threshold)
     frames = np.unique(one.recording.points.frame)
     return Scan(one.recording.name, frames, arc, by_frame, threshold, p_value, strongest)
-
-
-def _left_by_meshes(one: Seen, rod: Rod, offsets_m: Floats) -> Floats:
-    """What the correction of the mesh's error leaves of it in each frame (F,), in χ²: how far from it the
-    next finer meshes put the points. Next to nothing of a free rope; more of one that lies on an obstacle. 0
-    where the finer rope has no equilibrium.
-    """
-    finely = rod.with_particles(one.fine.particles)
-    try:
-        finer_m = one.fine.predict(finely).xyz_m + mesh_error(one.fine, refined(one.fine, 2), rod)
-    except SimulationError:
-        return np.zeros(one.whitener.shape[0])
-    left = finer_m - one.model.predict(rod).xyz_m - offsets_m
-    return np.asarray(np.sum(one.whitener(left[:, axes(one.model), None]) ** 2, axis=(1, 2, 3)))
 
 
 def _beyond(gains: Floats, unsure: float) -> float:

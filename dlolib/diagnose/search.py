@@ -13,6 +13,7 @@ from dlolib.diagnose.fitting import Fitted, hypothesis
 from dlolib.diagnose.residuals import amiss, explains
 from dlolib.diagnose.study import DiagnoseSettings, Point, Study, abrupt, library, placed, stiffens
 from dlolib.diagnose.tasks import (
+    AHEAD,
     Task,
     Terms,
     as_it_was,
@@ -65,7 +66,9 @@ def search(study: Study, settings: DiagnoseSettings, run: Workers) -> Searched:
     best model does not explain what is seen.
     """
     elastic = baseline(study)
-    models = {one.effects: one for one in _singles(study, elastic, settings, run)}
+    singles = _singles(study, elastic, settings, run)
+    elastic = _nothing_else(study, elastic, singles, run)
+    models = {one.effects: one for one in singles}
     tried: set[Effects] = set()
     # one pose cannot tell two effects apart
     together = models and study.poses >= FEWEST_POSES
@@ -91,8 +94,7 @@ def search(study: Study, settings: DiagnoseSettings, run: Workers) -> Searched:
 def searched_again(study: Study, before: Searched, run: Workers) -> Searched:
     """The same models after the noise has become known better: the best fitted once more, the others as they
     were."""
-    elastic = refit(study, task_from(before.baseline))
-    elastic = settled(study, elastic or as_it_was(study, task_from(before.baseline)) or before.baseline)
+    elastic = once_more(before.baseline, study)
     near = {one.effects for one in _near(study, before.models, before.baseline)}
     as_they_were = run(as_it_was, [task_from(one) for one in before.models], "as they were")
     kept = [one for one in as_they_were if one is not None]
@@ -101,6 +103,12 @@ def searched_again(study: Study, before: Searched, run: Workers) -> Searched:
     better = {one.effects: new for one, new in zip(best, again, strict=True) if new is not None}
     models = [better.get(one.effects, one) for one in kept]
     return Searched(elastic, _settled(study, models, elastic, run))
+
+
+def once_more(one: Fitted, study: Study) -> Fitted:
+    """A model fitted to another study of the same recordings, from where it is."""
+    again = refit(study, task_from(one)) or as_it_was(study, task_from(one))
+    return settled(study, again or one)
 
 
 def _settled(study: Study, fits: Sequence[Fitted], baseline: Fitted, run: Workers) -> tuple[Fitted, ...]:
@@ -153,6 +161,15 @@ def _no_offsets(study: Study) -> tuple[Floats, ...]:
 def _singles(study: Study, baseline: Fitted, settings: DiagnoseSettings, run: Workers) -> list[Fitted]:
     found = [one for one in run(fit_first, _more_of(study, baseline, settings), "effects") if one is not None]
     return _refined(study, _nested(study, found, run), baseline, run, "effects")
+
+
+def _nothing_else(study: Study, elastic: Fitted, singles: Sequence[Fitted], run: Workers) -> Fitted:
+    """The elastic rod fitted once more from where the best effects left it, if that is better: an effect is
+    tried from more stiffnesses than it was, and may have led out of a worse optimum and do nothing itself."""
+    best = _ordered(study, singles)[:BEGINNINGS]
+    again = run(refit, [task_without(one, name) for one in best for name in one.effects], "elastic again")
+    found = min((one for one in again if one is not None), key=lambda one: one.chi2, default=elastic)
+    return settled(study, found) if found.chi2 < elastic.chi2 - AHEAD else elastic
 
 
 def _more_of(study: Study, at: Fitted, settings: DiagnoseSettings) -> list[Task]:
@@ -345,4 +362,4 @@ def _near(study: Study, fits: Sequence[Fitted], baseline: Fitted, share: float =
     return [one for one in fits if one.bic(study.frames) < below]
 
 
-__all__ = ["Searched", "backed", "baseline", "search", "searched_again", "simulated_once"]
+__all__ = ["Searched", "backed", "baseline", "once_more", "search", "searched_again", "simulated_once"]

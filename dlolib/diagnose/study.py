@@ -187,10 +187,13 @@ class Study:
             found.append((first, last))
         return found
 
+    def parts(self, k: int) -> list[Seen]:
+        """Recording k as it is fitted, and its held-out frames where it has some."""
+        return [self.seen[k], *([self.ahead[k]] if k in self.ahead else [])]
+
     def begins_unseen(self, k: int) -> bool:
         """Whether what came before recording k is not known; its first frames may be held out."""
-        parts = [self.seen[k], *([self.ahead[k]] if k in self.ahead else [])]
-        return any(begins_unseen(one.recording) for one in parts)
+        return any(begins_unseen(one.recording) for one in self.parts(k))
 
     @property
     def poses(self) -> int:

@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
@@ -120,7 +121,9 @@ def test_a_mesh_s_error_on_an_obstacle_is_not_told_as_physics(monkeypatch: pytes
     seen = made({}, obstacles=(post,), sigma_m=SIGMA / 8)
     alone = replace(QUICK, without=tuple(EFFECTS))
     assert diagnose([seen], alone).verdict.status == "no_mismatch"
-    monkeypatch.setattr(locate, "_left_by_meshes", lambda one, *_: np.zeros(one.whitener.shape[0]))
+    # neither made finer for it, nor told of what it leaves
+    monkeypatch.setattr(sys.modules[diagnose.__module__], "fine_enough", lambda study, *_: study)
+    monkeypatch.setattr(locate, "left_by_meshes", lambda one, *_: np.zeros(one.whitener.shape[0]))
     assert diagnose([seen], alone).verdict.status == "unexplained"
 
 

@@ -1,8 +1,7 @@
 """Where and when something is missing: the local probes themselves, and what the ends do meanwhile."""
 
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 import pytest
@@ -13,13 +12,11 @@ from sim.ropes import EI, GJ, GRAVITY, LEVEL, ROPE
 from dlolib.diagnose.locate import (
     _beyond,
     _gains,
-    _left_by_meshes,
     _pairs,
     _phase,
     _windows,
 )
 from dlolib.diagnose.probes import PROBES, probe
-from dlolib.errors import SimulationError
 from dlolib.sim.rod import Rod, setup
 from dlolib.sim.scene import LOAD, REST, STIFFNESS
 from dlolib.types import Ends, Motion, Points, Recording
@@ -103,13 +100,3 @@ def test_what_was_put_at_one_place_is_found_in_its_own_size() -> None:
 @pytest.mark.parametrize(("unsure", "left"), [(0.0, 9.0), (4.0, 1.0), (16.0, 0.0)])
 def test_a_gain_counts_beyond_what_the_mesh_may_have_added(unsure: float, left: float) -> None:
     assert _beyond(np.array([[1.0, 9.0], [4.0, 0.0]]), unsure) == pytest.approx(left)
-
-
-def test_a_finer_rope_without_equilibrium_tells_of_no_error() -> None:
-    def torn(rod: Rod) -> Any:
-        raise SimulationError("it would tear", mend="do not")
-
-    fine = SimpleNamespace(particles=59, predict=torn)
-    one = SimpleNamespace(fine=fine, whitener=SimpleNamespace(shape=(7, 5, 3)))
-    left = _left_by_meshes(cast(Any, one), Rod(ROPE, EI, GJ), np.zeros((35, 3)))
-    assert left.shape == (7,) and not left.any()

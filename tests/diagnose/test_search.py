@@ -30,6 +30,22 @@ def fitted(chi2: float, effects: tuple[str, ...] = (), parts: Sequence[str] = ()
 LUMP, SLOPED = ("s", "mass"), ("s", "mass", "gradient")
 
 
+@pytest.mark.parametrize(("again", "left"), [(8100.0, 8100.0), (8395.0, 8400.0), (8500.0, 8400.0)])
+def test_the_elastic_rod_goes_where_an_effect_that_does_nothing_led(
+    again: float, left: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Only if it is better off there by more than another start is worth."""
+    singles = [fitted(8099.0, ("end_angle",), ("start_1",)), fitted(8390.0, ("mass_profile",), LUMP)]
+
+    def run(function: Callable[[Study, Task], Any], jobs: Sequence[Task], what: str) -> list[Fitted | None]:
+        assert all(job.terms == {} and job.starts[0] == {Unknown("bending_stiffness"): np.e} for job in jobs)
+        return [fitted(again), None]
+
+    monkeypatch.setattr(search, "settled", lambda study, one: one)
+    elastic = search._nothing_else(STUDY, fitted(8400.0), singles, cast(Workers, run))
+    assert elastic.chi2 == left
+
+
 def test_which_form_is_best_shows_with_the_mesh_error_of_each() -> None:
     """The larger form is ahead until the mesh's error is that at each one's own optimum."""
     baseline = fitted(8400.0)
@@ -109,6 +125,7 @@ def test_a_pair_that_ties_in_its_best_form_leads_further(monkeypatch: pytest.Mon
     monkeypatch.setattr(search, "_partners", lambda study, fewer, *_: beside[fewer.effects[0]])
     monkeypatch.setattr(search, "_pruned", pruned)
     monkeypatch.setattr(search, "_settled", lambda study, models, *_: search._ordered(study, models))
+    monkeypatch.setattr(search, "_nothing_else", lambda study, elastic, *_: elastic)
     for name, found in (("backed", None), ("amiss", True), ("explains", True)):
         monkeypatch.setattr(search, name, lambda *_, found=found: found)
     study = cast(Study, SimpleNamespace(frames=70, poses=100, rigid=lambda _: False))
