@@ -81,7 +81,7 @@ def next_motion(
     most. None where none can be made or none promises to."""
     recording = study.seen[0].recording
     motion = recording.motion
-    if len(decision.tie) < 2 or len(motion.t_s) < FEWEST_ROWS or np.isnan(motion.end_m).all():
+    if len(decision.tie) < 2 or len(motion.t_s) < FEWEST_ROWS:
         return None
     pairs = [paired(decision.tie[0], one, settings.chance) for one in rivals(searched, decision)]
 

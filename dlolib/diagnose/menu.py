@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from dlolib.identify.intervals import JITTER_M
+from dlolib.identify.intervals import JITTER_M, JITTER_RAD
 from dlolib.types import Floats, Motion
 
 # Rows a second; how far and how fast the wrist rolls; how long it holds a pose, and how long each of two.
@@ -27,7 +27,12 @@ Pose = tuple[Floats, Floats, Floats, Floats]
 
 
 def menu(motion: Motion) -> list[tuple[str, Motion]]:
-    """What a robot can do from the motion's last pose, each with what it is."""
+    """What a robot can do from the motion's last pose, each with what it is.
+
+    It moves the rope's end; where that hangs free, its start.
+    """
+    if np.isnan(motion.end_m).all():
+        return [(says, _other_way_round(one)) for says, one in menu(_other_way_round(motion))]
     speed, turning_speed = _speed(motion), max(ROLL_RAD_S, _turning_speed(motion))
     last, bent, arcs = _pose(motion, -1), _pose(motion, _most_bent(motion)), _arc(motion)
 
@@ -47,11 +52,17 @@ def menu(motion: Motion) -> list[tuple[str, Motion]]:
     if np.linalg.norm(bent[2] - bent[0]) > TOUCHING_M:  # and not of a free start, which is nowhere
         held = through((bent, 0.0), (_nearer(bent), HOLD_S), (bent, 0.0))
         whole.append(("bring the ends nearer by half of their least distance and hold that for 20 s", held))
-    if np.ptp(arcs.end_m, axis=0).max() > JITTER_M:  # the arc of an end that only turned is a point
+    if _moves(arcs):
         whole += [
             ("move along the same arc on the opposite side, out and back", timed(_mirrored(arcs), 1.0)),
             ("move along the same arc three times as fast", timed(arcs, QUICKER)),
             ("move along the same arc a third as fast", timed(arcs, 1 / QUICKER)),
+        ]
+    elif _turns(arcs).max(initial=0.0) > JITTER_RAD:
+        own = _turning_speed(motion)
+        whole += [
+            ("turn as before three times as fast", _timed(arcs, speed, QUICKER * own)),
+            ("turn as before a third as fast", _timed(arcs, speed, own / QUICKER)),
         ]
     return [(says, one) for says, one in whole if len(one.t_s) >= FEWEST_ROWS]
 
@@ -59,6 +70,11 @@ def menu(motion: Motion) -> list[tuple[str, Motion]]:
 def then(one: Motion, other: Motion) -> Motion:
     """Two motions of the menu one after the other: each ends where both begin."""
     return _joined([one, other])
+
+
+def _other_way_round(motion: Motion) -> Motion:
+    """The rope's start for its end: what moves the one moves the other."""
+    return Motion(motion.t_s, motion.end_m, motion.end_q, motion.start_m, motion.start_q)
 
 
 def _pose(motion: Motion, k: int) -> Pose:
@@ -98,10 +114,23 @@ def _turns(motion: Motion) -> Floats:
 
 
 def _most_bent(motion: Motion) -> int:
-    """The row at which the two ends are nearest, or the end is furthest from where it began."""
+    """The row at which the two ends are nearest, or the end is furthest from how it began."""
     if np.isnan(motion.start_m).all():
-        return int(np.argmax(np.linalg.norm(motion.end_m - motion.end_m[0], axis=1)))
+        return int(np.argmax(_away(motion, 0)))
     return int(np.argmin(np.linalg.norm(motion.end_m - motion.start_m, axis=1)))
+
+
+def _away(motion: Motion, row: int) -> Floats:
+    """How far the end is from where it is at one row (T,) [m]; turned, if it only turns [rad]."""
+    if _moves(motion):
+        return np.asarray(np.linalg.norm(motion.end_m - motion.end_m[row], axis=1))
+    turns = Rotation.from_quat(motion.end_q, scalar_first=True)
+    return np.asarray((turns[row].inv() * turns).magnitude())
+
+
+def _moves(motion: Motion) -> bool:
+    """Whether the end goes anywhere: the arc of one that only turns is a point."""
+    return bool(np.ptp(motion.end_m, axis=0).max() > JITTER_M)
 
 
 def _rolled(pose: Pose, angle: float) -> Pose:
@@ -169,8 +198,7 @@ def _joined(legs: list[Motion]) -> Motion:
 
 def _arc(motion: Motion) -> Motion:
     """The recorded way of the end out to where it is furthest from its last pose, and back."""
-    away = np.linalg.norm(motion.end_m - motion.end_m[-1], axis=1)
-    first = int(np.argmax(away))
+    first = int(np.argmax(_away(motion, -1)))
     back = [np.asarray(getattr(motion, name)[first:]) for name in ("start_m", "start_q", "end_m", "end_q")]
     both = [np.concatenate([part[::-1], part[1:]]) for part in back]
     return Motion(np.arange(len(both[0]), dtype=float), *both)

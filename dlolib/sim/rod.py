@@ -65,7 +65,7 @@ class Rod:
             if not (np.isfinite(value) and value >= 0):
                 raise ParameterError(f"{name} = {value:g} is out of range", mend="give 0 or more")
         if self.rope.linear_density_kg_m is None and self.rope.tip_mass_kg > 0:
-            problem = "is not known, of a rope with a mass at its tip"
+            problem = "the density of a rope with a mass at its tip is not known"
             raise ParameterError(problem, place="linear_density_kg_m", mend="weigh the rope and give it")
         stiffest = STIFFEST_M4_S2 * self.linear_density
         for name, value in (("bending", self.bending_stiffness), ("torsional", self.torsional_stiffness)):

@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnose.test_diagnose import found, made
+from diagnose.test_diagnose import QUICK, SIGMA, found, made
 from scipy.spatial.transform import Rotation
 from sim import test_begun
+from sim.ropes import EI, GJ, GRAVITY, ROPE
 
-from dlolib.diagnose import DiagnoseSettings
+from dlolib.diagnose import DiagnoseSettings, diagnose
 from dlolib.diagnose.ask import (
     ENOUGH,
     POINTS,
@@ -27,10 +28,12 @@ from dlolib.diagnose.fitting import Fitted
 from dlolib.diagnose.menu import QUICKER, ROLL_RAD, ROLL_RAD_S, menu, then
 from dlolib.diagnose.workers import Workers
 from dlolib.sim.begun import BegunModel, motion_model
+from dlolib.sim.continuum import simulated
 from dlolib.sim.poses import PosesModel, model_of
 from dlolib.sim.recording import first_points
+from dlolib.sim.rod import Rod
 from dlolib.sim.upright import as_logged, upright
-from dlolib.types import Floats, Motion
+from dlolib.types import Ends, Floats, Motion, Noise, Points, Recording
 
 MOTION = made({}).motion
 
@@ -48,14 +51,48 @@ def test_every_motion_of_the_menu_goes_on_from_the_last_pose() -> None:
         assert (np.sum(motion.end_q[1:] * motion.end_q[:-1], axis=1) > 0.9).all(), says
 
 
-def test_of_an_end_that_only_turns_no_arc_is_asked_for() -> None:
-    angle = np.deg2rad(60) * np.sin(np.linspace(0, np.pi, len(MOTION.t_s)))
+def turning() -> Motion:
+    """An end that stays where it is and turns by 60 degrees about the rope and 40 of them back."""
+    share = np.interp(np.linspace(0.0, 3.0, len(MOTION.t_s)), [0.0, 1.0, 2.0, 3.0], [0.0, 1.0, 1 / 3, 1 / 3])
     turns = Rotation.from_quat(MOTION.end_q[0], scalar_first=True) * Rotation.from_rotvec(
-        np.outer(angle, [0, 0, 1])
+        np.outer(np.deg2rad(60) * share, [0, 0, 1])
     )
-    still = np.tile(MOTION.end_m[0], (len(angle), 1))
-    some = menu(replace(MOTION, end_m=still, end_q=turns.as_quat(scalar_first=True)))
-    assert len(some) == 3 and all(motion.t_s[-1] > 1 and "arc" not in says for says, motion in some)
+    still = np.tile(MOTION.end_m[0], (len(share), 1))
+    return replace(MOTION, end_m=still, end_q=turns.as_quat(scalar_first=True))
+
+
+def test_an_end_that_only_turned_turns_again() -> None:
+    """It has no arc. Out to where it was turned furthest from its last pose and back, at its own pace."""
+    motion = turning()
+    some = dict(menu(motion))
+    assert len(some) == 5 and not any("arc" in says for says in some)
+    takes_s = 80 / 100 * np.ptp(motion.t_s) * 2 / 3
+    (quick,) = (one for says, one in some.items() if "three times" in says)
+    (slow,) = (one for says, one in some.items() if "a third" in says)
+    back = Rotation.from_quat(motion.end_q[-1], scalar_first=True).inv()
+    for asked, factor in ((quick, QUICKER), (slow, 1 / QUICKER)):
+        away = (back * Rotation.from_quat(asked.end_q, scalar_first=True)).magnitude()
+        assert away[[0, -1]] == pytest.approx([0.0, 0.0], abs=1e-6)
+        assert away.max() == pytest.approx(np.deg2rad(40), abs=0.01)
+        assert asked.t_s[-1] == pytest.approx(takes_s / factor, rel=0.02)
+
+
+def hanging(motion: Motion) -> Motion:
+    """The same of a rope whose other end hangs free."""
+    free = np.full_like(motion.end_m, np.nan), np.full_like(motion.end_q, np.nan)
+    return Motion(motion.t_s, motion.end_m, motion.end_q, *free)
+
+
+@pytest.mark.parametrize("motion", [MOTION, turning()])
+def test_where_the_end_hangs_free_the_start_does_what_the_end_would(motion: Motion) -> None:
+    started = menu(hanging(motion))
+    free = hanging(motion)
+    ended = menu(Motion(motion.t_s, free.end_m, free.end_q, motion.end_m, motion.end_q))
+    assert len(started) >= 4 and [says for says, _ in started] == [says for says, _ in ended]
+    for (says, one), (_, other) in zip(started, ended, strict=True):
+        assert np.isnan(one.end_m).all() and np.isnan(one.end_q).all(), says
+        assert np.array_equal(one.start_m, other.end_m) and np.array_equal(one.start_q, other.end_q), says
+        assert one.start_m[0] == pytest.approx(motion.end_m[-1], abs=1e-9), says
 
 
 def test_the_ends_come_no_nearer_than_half() -> None:
@@ -133,6 +170,35 @@ def test_two_laws_are_told_apart_and_a_model_is_not_told_from_itself() -> None:
     assert asked.says in [says for says, _ in menu(found("plastic").found.study.seen[0].recording.motion)]
     assert asked_for(plastic, plastic) is None
     assert asked_for(plastic) is None
+
+
+def test_of_a_rope_that_hangs_a_motion_of_its_start_tells_two_models_apart() -> None:
+    """Its clamp lifts it up and lays it over: is it softer somewhere, or does the clamp point elsewhere?"""
+    t = np.linspace(0.0, 12.0, 121)
+    up = np.sin(np.pi * t / 12.0) ** 2
+    start_m = np.stack([0.1 * up, 0.0 * t, 0.1 * up], axis=1)
+    turn = Rotation.from_quat(MOTION.start_q[0], scalar_first=True) * Rotation.from_rotvec(
+        np.outer(np.deg2rad(70) * up, [1.0, 0.0, 0.0])
+    )
+    free = np.full((len(t), 3), np.nan), np.full((len(t), 4), np.nan)
+    motion = Motion(t, start_m, turn.as_quat(scalar_first=True), *free)
+    frame, at = np.repeat(np.arange(40), 12), np.linspace(0.1, 11.9, 40)
+    points = Points(frame, at[frame], np.tile(np.linspace(0.0, ROPE.length_m, 12), 40), np.zeros((480, 3)))
+    noise = Noise(SIGMA, 0.0, 0.0)
+    blank = Recording("hangs", ROPE, GRAVITY, Ends("clamped", "free"), motion, points, noise=noise)
+    soft = {"stiffness_profile.s": 0.1, "stiffness_profile.factor": 0.6, "stiffness_profile.width": 0.05}
+    shown = simulated(blank, Rod(ROPE, EI, GJ, soft, particles=81))
+    off = np.random.default_rng(5).normal(0.0, SIGMA, shown.points.xyz_m.shape)
+    seen = replace(shown.points, xyz_m=shown.points.xyz_m + off)
+    of = diagnose([replace(shown, points=seen, noise=noise)], QUICK).found
+    models = {one.effects: one for one in of.searched.models}
+    tie = models[("stiffness_profile",)], models[("end_angle",)]
+    with Workers(1) as run:
+        run.begin(of.study)
+        decision = Decision("ambiguous", tie[0], tie)
+        asked = next_motion(of.study, of.searched, decision, DiagnoseSettings(), run)
+    assert isinstance(asked, Asked) and asked.expected > 10
+    assert np.isnan(asked.motion.end_m).all() and asked.motion.start_m[0] == pytest.approx(start_m[-1])
 
 
 def test_where_one_motion_does_not_promise_enough_another_follows_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -40,7 +40,7 @@ BAD: dict[str, tuple[Callable[[], Rod], str]] = {
     ),
     "a tip of a rope that nobody weighed": (
         lambda: Rod(replace(ROPE, linear_density_kg_m=None, tip_mass_kg=0.02), EI, GJ),
-        "linear_density_kg_m: is not known, of a rope with a mass at its tip; weigh the rope",
+        "linear_density_kg_m: the density of a rope with a mass at its tip is not known; weigh the rope",
     ),
     "two particles": (lambda: Rod(ROPE, EI, GJ, particles=2), "particles = 2; a rod needs 3 or more"),
     "out of bounds": (
