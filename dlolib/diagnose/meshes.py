@@ -16,12 +16,10 @@ from dlolib.diagnose.fitting import Fitted
 from dlolib.diagnose.study import Bools, DiagnoseSettings, Seen, Study
 from dlolib.errors import SimulationError
 from dlolib.identify.problem import axes
-from dlolib.sim.continuum import known_mesh_error, mesh_error, refined
+from dlolib.sim.continuum import LEFT, MOST_FINER, known_mesh_error, mesh_error, refined
 from dlolib.sim.rod import Rod
 from dlolib.types import Floats
 
-# What a mesh may leave in χ² of a whole recording, and how many times finer it is made for that.
-LEFT, MOST_FINER = 2.0, 4
 # A finer mesh is worth its time if it leaves half of the error at most, of χ² a quarter: what converges more
 # slowly leaps between meshes, as a rope does that is all but limp in twist for want of an effect.
 CONVERGES = 0.25

@@ -15,7 +15,14 @@ from dlolib.identify.intervals import jackknife
 from dlolib.identify.parameters import SOFTEST_M4_S2, Unknown, acting, candidates, unbent
 from dlolib.identify.problem import Bools, Problem, axes, check_held_ends, check_one_object
 from dlolib.progress import track
-from dlolib.sim.continuum import MOST_CORRECTIONS, known_mesh_error, refined, stands
+from dlolib.sim.continuum import (
+    LEFT,
+    MOST_CORRECTIONS,
+    MOST_FINER,
+    known_mesh_error,
+    refined,
+    stands,
+)
 from dlolib.sim.effects import of_the_rope
 from dlolib.sim.mesh import FINER, Mesh
 from dlolib.sim.poses import model_of, near
@@ -31,6 +38,8 @@ FIRST_STIFFNESS_M4_S2 = (1e-3, 1e-2, 1e-1)
 START_FACTORS = (1.0, 0.1, 10.0)
 # A value this near to its bound, in what counts as a change of one, is at it.
 AT_BOUND = 1e-3
+# Residuals of less than rounding [m²].
+TINY = 1e-24
 
 
 @dataclass(frozen=True)
@@ -96,17 +105,7 @@ def identify(
             held = f"{recording.name}: every frame is held out"
             raise ParameterError(held, place="heldout_frames", mend="leave frames to fit")
     check_loaded(recordings, SOFTEST_M4_S2, "it weighs nothing")
-    problem, theta = _begin(recordings, settings, given)
-    problem, theta = _acting_only(problem, theta, settings)
-    history: list[Floats] = []
-    theta = _best_start(problem, theta, settings, history)
-    for _ in track(range(MOST_CORRECTIONS), "what the mesh leaves out"):
-        better = _corrected(problem, theta, settings)
-        lengths = [recording.rope.length_m for recording in recordings]
-        if all(map(stands, problem.offsets, better.offsets, lengths)):
-            break
-        problem = better
-        theta = _solve(problem, theta, settings, history).x
+    problem, theta, history = _finely(recordings, settings, given)
     if Unknown("bending_stiffness") in problem.unknowns:
         stiff = float(problem.rod(0, theta).bending_stiffness)
         check_loaded(recordings, stiff, f"at the best EI, {stiff:.2g} N m^2, its weight does not bend it")
@@ -119,6 +118,63 @@ def identify(
     foretold = theta if declared else _solve(without, theta, settings, []).x
     found = _result(problem, theta, low, high, history, heldout, foretold)
     return found if given is None else replace(found, fit=_with_held(found.fit, problem, given))
+
+
+def _finely(
+    recordings: Sequence[Recording], settings: IdentifySettings, given: Sequence[Rod] | None
+) -> tuple[Problem, Floats, list[Floats]]:
+    """The problem at its optimum, and the way there, on the mesh that fits best: one leaves too much out of a
+    rope that snaps, or slides along an obstacle, and then finer ones are tried."""
+    tried, finer = [_fitted(recordings, settings, given)], 2
+    left = 0.0 if settings.sweeps is not None else _left_by_meshes(*tried[0][:2])
+    while left > LEFT and finer <= MOST_FINER:
+        segments, longest_m = finer * (settings.particles - 1), settings.longest_segment_m / finer
+        mesh = replace(settings, particles=segments + 1, longest_segment_m=longest_m)
+        tried.append(_fitted(recordings, mesh, given))
+        before, left, finer = left, _left_by_meshes(*tried[-1][:2]), 2 * finer
+        if left > before:
+            break
+    return min(tried, key=lambda one: _cost(*one[:2]))
+
+
+def _left_by_meshes(problem: Problem, theta: Floats) -> float:
+    """What the correction of the meshes' error leaves of it, over the variance of what the fit leaves: how
+    far from it finer meshes put the points that count.
+
+    0 of recordings that are not quasi-static, of which the time step leaves more out, and where the finer
+    rope has no equilibrium.
+    """
+    total = 0.0
+    for k, model in enumerate(problem.models):
+        if not model.recording.quasi_static:
+            continue
+        fine, rod = replace(model, particles=2 * model.particles - 1), problem.rod(k, theta)
+        try:
+            error = known_mesh_error(fine, refined(fine, FINER), rod)
+            finer_m = fine.predict(rod.with_particles(fine.particles)).xyz_m
+        except SimulationError:
+            continue
+        left = finer_m + (0.0 if error is None else error) - problem.simulated(k, theta)
+        total += float(np.sum(left[problem.used[k]][:, axes(model)] ** 2))
+    return total / max(float(np.mean(problem.residuals(theta) ** 2)), TINY)
+
+
+def _fitted(
+    recordings: Sequence[Recording], settings: IdentifySettings, given: Sequence[Rod] | None
+) -> tuple[Problem, Floats, list[Floats]]:
+    """The problem at its optimum, with what the mesh leaves out as it is there, and the way there."""
+    problem, theta = _begin(recordings, settings, given)
+    problem, theta = _acting_only(problem, theta, settings)
+    history: list[Floats] = []
+    theta = _best_start(problem, theta, settings, history)
+    for _ in track(range(MOST_CORRECTIONS), "what the mesh leaves out"):
+        better = _corrected(problem, theta, settings)
+        lengths = [recording.rope.length_m for recording in recordings]
+        if all(map(stands, problem.offsets, better.offsets, lengths)):
+            break
+        problem = better
+        theta = _solve(problem, theta, settings, history).x
+    return problem, theta, history
 
 
 def _begin(

@@ -30,6 +30,9 @@ STANDS, MOST_CORRECTIONS = 1e-5, 6
 # A finer mesh moves no point by this share of the length unless the rope snaps: with so many segments it is
 # off by some 0.002.
 ELSEWHERE, USUAL = 0.02, 29
+# What a mesh may leave of all points of a recording, over their variance, and how many times finer it is made
+# for that.
+LEFT, MOST_FINER = 2.0, 4
 # By this share of its length a rope that cannot stretch is held too long before it is said.
 TOO_LONG = 0.003
 # What moves no point by so much does nothing.
@@ -170,4 +173,12 @@ def _moves(model: Model, rod: Rod, without: Rod) -> float:
     return float(np.linalg.norm(apart, axis=1).max())
 
 
-__all__ = ["MOST_CORRECTIONS", "mesh_error", "refined", "simulated", "stands"]
+__all__ = [
+    "LEFT",
+    "MOST_CORRECTIONS",
+    "MOST_FINER",
+    "mesh_error",
+    "refined",
+    "simulated",
+    "stands",
+]

@@ -13,13 +13,13 @@ from sim.ropes import EI, GJ, GRAVITY, LEVEL, ROPE
 from dlolib.diagnose import DiagnoseSettings, diagnose, meshes
 from dlolib.diagnose.diagnose import _study, raw_study
 from dlolib.diagnose.fitting import Fitted
-from dlolib.diagnose.meshes import MOST_FINER, fine_enough, left_by_meshes
+from dlolib.diagnose.meshes import fine_enough, left_by_meshes
 from dlolib.diagnose.noise import known_noise
 from dlolib.diagnose.search import baseline
 from dlolib.diagnose.study import Study
 from dlolib.diagnose.workers import Workers
 from dlolib.errors import SimulationError
-from dlolib.sim.continuum import simulated
+from dlolib.sim.continuum import MOST_FINER, simulated
 from dlolib.sim.rod import Rod
 from dlolib.types import Ends, Motion, Noise, Obstacle, Points, Recording
 
