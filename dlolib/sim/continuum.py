@@ -33,6 +33,8 @@ ELSEWHERE, USUAL = 0.02, 29
 # What a mesh may leave of all points of a recording, over their variance, and how many times finer it is made
 # for that.
 LEFT, MOST_FINER = 2.0, 4
+# Meshes foretell the same where no point is further apart than this share of the length.
+AGREE = 1e-4
 # By this share of its length a rope that cannot stretch is held too long before it is said.
 TOO_LONG = 0.003
 # What moves no point by so much does nothing.
@@ -104,8 +106,9 @@ def simulated(
     Args:
         recording, rod: what moves, and the rope with its mesh.
         step_s: longest step of the dynamic clock. sweeps: as in `RecordingModel`.
-        finer: so many times as fine is the mesh that foretells the continuous rod; with 1, and with the
-            iterative solver, whose stiffness depends on its mesh altogether, the points are the mesh's own.
+        finer: so many times as fine is the mesh that foretells the continuous rod, among obstacles of the
+            first one on which it foretells what a finer one does; with 1, and with the iterative solver,
+            whose stiffness depends on its mesh altogether, the points are the mesh's own.
     """
     if step_s is not None and sweeps is None:
         step_s = dynamic_step(recording.motion, step_s)
@@ -115,16 +118,36 @@ def simulated(
         model = near(model, replace(rod, effects={}))
     xyz = model.predict(rod).xyz_m
     if finer > 1 and sweeps is None:
-        error = known_mesh_error(model, refined(model, finer), rod)
-        if error is None:
+        continuous = _continuous(model, rod, finer)
+        if continuous is None:
             LOG.warning("warning: %s: %s", recording.name, BY_MESH.format(rod.particles))
         else:
-            xyz = xyz + error
+            xyz = continuous
     _say_too_long(recording, rod)
     _say_idle(model, rod)
     points = replace(recording.points, xyz_m=xyz, covariance_m2=None)
     told = f"{SIMULATED} {recording.name}"
     return replace(recording, points=points, source=told, position_noise_m=0.0, noise=None)
+
+
+def _continuous(model: Model, rod: Rod, finer: int) -> Floats | None:
+    """The continuous rod's points (P, 3) [m], or None where the mesh tells nothing of it.
+
+    Along an obstacle on which nothing holds it a rope slides further on a coarse mesh than extrapolation
+    makes up for: there twice as fine ones are tried until two foretell the same.
+    """
+    slides = bool(model.recording.obstacles) and model.recording.quasi_static
+    found: Floats | None = None
+    for times in (1, 2, MOST_FINER) if slides else (1,):
+        fine = replace(model, particles=times * (model.particles - 1) + 1)
+        finely = rod.with_particles(fine.particles)
+        error = known_mesh_error(fine, refined(fine, finer), finely)
+        if error is None:
+            continue
+        before, found = found, fine.predict(finely).xyz_m + error
+        if before is not None and float(np.abs(found - before).max()) < AGREE * model.recording.rope.length_m:
+            break
+    return found
 
 
 def _are_of_a_rope(points: Points) -> bool:

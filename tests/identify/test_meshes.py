@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from diagnose.test_meshes import over_the_bar
+from sim.bar import FALLS, FRAMES, over_the_bar
 from sim.ropes import EI, GJ
 
 from dlolib.identify import IdentifySettings, identify
@@ -20,7 +20,7 @@ MODULE = sys.modules[identify.__module__]
 
 def test_a_rope_that_slides_along_a_bar_needs_a_finer_mesh() -> None:
     """Off by more than LEFT at the true stiffness, and by much less on a finer mesh; a free rope is right."""
-    recording = replace(over_the_bar(233), heldout_frames=(34, 44))  # where it falls off
+    recording = replace(over_the_bar(233), heldout_frames=(FALLS, FRAMES - 1))
     left = []
     free = replace(recording, obstacles=())
     for one, particles in ((recording, 30), (recording, 59), (free, 30)):

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sim.bar import FALLS, over_the_bar
 from sim.ropes import EI, GJ, ROPE
 from sim.test_recording import recording
 
@@ -32,6 +33,15 @@ def test_a_coarse_mesh_tells_the_continuous_rod() -> None:
     plain, corrected = off(model, replace(model, particles=465))
     assert plain > 5e-4
     assert corrected < 0.05 * plain
+
+
+def test_a_rope_that_slides_along_a_bar_is_followed_on_meshes_that_agree() -> None:
+    """The usual mesh takes it elsewhere, by millimetres, and so tells nothing of the continuous rod."""
+    fine, found, coarse = (
+        over_the_bar(particles, 0.0, finer, FALLS) for particles, finer in ((465, 2), (30, 4), (30, 1))
+    )
+    off, once = (np.abs(one.points.xyz_m - fine.points.xyz_m).max() for one in (found, coarse))
+    assert off < 1e-4 < 5e-3 < once
 
 
 def test_long_steps_tell_how_the_rope_swings() -> None:
