@@ -49,6 +49,8 @@ NEAR, NEAR_SHARE = 60.0, 0.3
 NEAR_PRUNED = 30.0
 # How often effects are looked for beside the best ones, and from how many models on.
 ROUNDS, BEGINNINGS = 4, 3
+# More parameters than these of two effects may stand for what a simpler pair explains better.
+MANY = 8
 
 
 @dataclass(frozen=True)
@@ -209,7 +211,8 @@ def _grown(
     of the best ones so found, until nothing changes.
 
     Where much is missing a linear step from the best model foretells little, and what is found may not
-    explain what is seen: then the same from the next best models. More than two are sought forward alone,
+    explain what is seen, or by many parameters, such as an uneven curvature at rest has, which leaves a
+    second effect no sense: then the same from the next best models. More than two are sought forward alone,
     from the best model. A rigid rope explains by its ends alone what moves them: then the same from the best
     model whose rope is none.
     """
@@ -223,7 +226,8 @@ def _grown(
         for _ in range(rounds):
             _beside(study, models, todo, tried, settings, run)
             todo = _parts(study, models, size, settings.tie)
-        if _done(study, _best(study, models), elastic):
+        best = _best(study, models)
+        if best.parameters <= elastic.parameters + MANY and _done(study, best, elastic):
             break
     backed(study, models, size, run)
 

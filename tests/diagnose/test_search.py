@@ -106,6 +106,23 @@ def test_of_two_forms_of_a_pair_the_one_of_less_bic_is_kept(monkeypatch: pytest.
     assert models[key].chi2 == small.chi2
 
 
+@pytest.mark.parametrize(("parts", "best"), [(9, ("lateral_load", "touch")), (8, ("curl", "touch"))])
+def test_what_explains_by_many_parameters_is_not_the_last_that_is_tried(
+    parts: int, best: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An uneven curvature at rest passed for a load beside a hidden obstacle, of which it left no trace."""
+    models = {(name,): fitted(chi2, (name,)) for name, chi2 in (("curl", 8277.0), ("lateral_load", 8524.0))}
+    many = fitted(7900.0, ("curl", "touch"), [str(k) for k in range(parts)])
+    found = {("curl",): many, ("lateral_load",): fitted(7800.0, ("lateral_load", "touch"))}
+    monkeypatch.setattr(search, "_partners", lambda study, fewer, *_: [found[fewer.effects]])
+    monkeypatch.setattr(search, "_parts", lambda *_: [])
+    monkeypatch.setattr(search, "backed", lambda *_: None)
+    monkeypatch.setattr(search, "_done", lambda *_: True)
+    study = cast(Study, SimpleNamespace(frames=70, rigid=lambda point: False))
+    search._grown(study, models, fitted(13237.0), 2, DiagnoseSettings(), cast(Workers, None), set())
+    assert search._best(study, models).effects == best
+
+
 def test_a_pair_that_ties_in_its_best_form_leads_further(monkeypatch: pytest.MonkeyPatch) -> None:
     """What a soft place near the clamp passed for is found beside the clamp's compliance alone, and that only
     once its pair with a lump needs no gradient any more."""
