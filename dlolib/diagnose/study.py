@@ -237,7 +237,8 @@ class Study:
 
     def beginnings(self, point: Point, effect: str) -> list[dict[Unknown, float]]:
         """Stiffnesses in the place of a point's, where a fit with one more effect may begin: its own first,
-        but for a GJ that ran off; then softer ones where the point is rigid or stiff for want of that effect.
+        but for a GJ that ran off, in whose place are the nearest usual one and EI; then softer ones where the
+        point is rigid or stiff for want of that effect.
 
         What a model lacks may leave it limp in twist. A limp rope coils up or snaps under the least of what
         would explain it, so that no fit begun there would find it.
@@ -245,20 +246,22 @@ class Study:
         stiff = self.rigid(point) or stiffens(effect)
         eis = [share * self._weight for share in BENT_BY_WEIGHT if stiff]
         eis = [ei for ei in eis if ei < point[Unknown("bending_stiffness")]]
-        found = [self._usual(point), *({Unknown(name): ei for name in self.stiffnesses} for ei in eis)]
+        found = [*self._usual(point), *({Unknown(name): ei for name in self.stiffnesses} for ei in eis)]
         if not self.rolls or not has_sides(effect):
             return found
         roll = Unknown(ROLL)
         turned = [float(np.angle(np.exp(1j * (point[roll] + turn)))) for turn in ROLLS]
         return [{**one, roll: angle} for one in found for angle in turned]
 
-    def _usual(self, point: Point) -> dict[Unknown, float]:
+    def _usual(self, point: Point) -> list[dict[Unknown, float]]:
         """The GJ to begin with where a point's ran off."""
-        gj = Unknown("torsional_stiffness")
+        ei, gj = Unknown("bending_stiffness"), Unknown("torsional_stiffness")
         if gj not in point:
-            return {}
-        low, high = (ratio * point[Unknown("bending_stiffness")] for ratio in USUAL_TWIST)
-        return {} if low <= point[gj] <= high else {gj: float(np.clip(point[gj], low, high))}
+            return [{}]
+        low, high = (ratio * point[ei] for ratio in USUAL_TWIST)
+        if low <= point[gj] <= high:
+            return [{}]
+        return [{gj: float(np.clip(point[gj], low, high))}, {gj: point[ei]}]
 
     @property
     def _weight(self) -> float:
