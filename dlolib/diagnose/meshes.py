@@ -39,7 +39,10 @@ def fine_enough(
         finer = _finer(study, left > LEFT, settings)
         if finer is study:
             break
-        more = _left(finer, again(finer))
+        try:
+            more = _left(finer, again(finer))
+        except SimulationError:
+            break  # a finer rope that cannot be simulated tells nothing
         if more.sum() > CONVERGES * left.sum():
             break
         study, left = finer, more

@@ -130,7 +130,10 @@ def _finely(
     while left > LEFT and finer <= MOST_FINER:
         segments, longest_m = finer * (settings.particles - 1), settings.longest_segment_m / finer
         mesh = replace(settings, particles=segments + 1, longest_segment_m=longest_m)
-        tried.append(_fitted(recordings, mesh, given))
+        try:
+            tried.append(_fitted(recordings, mesh, given))
+        except (ParameterError, SimulationError):
+            break  # a finer rope that cannot be simulated tells nothing, nor one of too many particles
         before, left, finer = left, _left_by_meshes(*tried[-1][:2]), 2 * finer
         if left > before:
             break

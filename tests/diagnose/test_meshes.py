@@ -65,6 +65,16 @@ def test_a_mesh_is_made_finer_as_long_as_that_helps(
     assert (found is study) is (finer == 1) and fits == [59, 117][: len(left) - 1]
 
 
+def test_where_a_finer_rope_cannot_be_simulated_the_mesh_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    study = raw_study([over_the_bar(30)], SETTINGS)
+    monkeypatch.setattr(meshes, "_left", lambda *_: np.array([500.0]))
+
+    def torn(other: Study) -> Fitted:
+        raise SimulationError("no stiffness could be simulated", mend="do not")
+
+    assert fine_enough(study, cast(Fitted, None), SETTINGS, torn) is study
+
+
 def test_a_rope_that_swings_keeps_its_mesh() -> None:
     """Its time step leaves more out."""
     study = raw_study([replace(over_the_bar(30), quasi_static=False)], SETTINGS)

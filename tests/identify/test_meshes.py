@@ -10,6 +10,7 @@ import pytest
 from sim.bar import FALLS, FRAMES, over_the_bar
 from sim.ropes import EI, GJ
 
+from dlolib.errors import DloError, ParameterError, SimulationError
 from dlolib.identify import IdentifySettings, identify
 from dlolib.identify.identify import _begin, _finely, _left_by_meshes
 from dlolib.identify.parameters import Unknown
@@ -58,6 +59,23 @@ def test_finer_meshes_are_tried_as_long_as_they_leave_less_and_the_best_fit_is_k
     monkeypatch.setattr(MODULE, "_left_by_meshes", lambda n, theta: told[n][0])
     monkeypatch.setattr(MODULE, "_cost", lambda n, theta: told[n][1])
     assert _finely([], IdentifySettings(), None)[0] == best and tried == meshes
+
+
+@pytest.mark.parametrize("error", [ParameterError, SimulationError])
+def test_a_finer_rope_that_cannot_be_had_leaves_the_fit_as_it_is(
+    error: type[DloError], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A long rope's finer mesh may have more particles than any rope needs, or tear."""
+
+    def fitted(recordings: Any, settings: IdentifySettings, given: Any) -> Any:
+        if settings.particles > 30:
+            raise error("too many", mend="none")
+        return settings.particles, np.zeros(1), []
+
+    monkeypatch.setattr(MODULE, "_fitted", fitted)
+    monkeypatch.setattr(MODULE, "_left_by_meshes", lambda *_: 500.0)
+    monkeypatch.setattr(MODULE, "_cost", lambda *_: 1.0)
+    assert _finely([], IdentifySettings(), None)[0] == 30
 
 
 def test_the_iterative_solver_keeps_its_mesh(monkeypatch: pytest.MonkeyPatch) -> None:
