@@ -73,9 +73,9 @@ def assemble(
     Hidden stretches are bridged by cubics for their length only. Where the measured length is within 3 %
     of the known one (within 0.9 % where one end is held and the other's tip may be out of sight; a third of
     what is hidden comes on top where an end is held), what is left of the difference is spread: hidden
-    stretches are trusted to 10 %, seen ones to 0.3 %, which are mostly longer where their line is less sure.
-    Else an end is out of sight, and arc length counts as measured from the end that is held, or from the
-    first that is seen.
+    stretches are trusted to 10 %, and are no shorter than a straight line; seen ones to 0.3 %, which are
+    mostly longer where their line is less sure. Else an end is out of sight, and arc length counts as
+    measured from the end that is held, or from the first that is seen.
 
     Args:
         strands: the visible stretches in camera axes, each from start to end, at least one.
@@ -104,7 +104,7 @@ def assemble(
     long += _to_and_fro(step, sigma, TO_AND_FRO * smooth_m)
     off = np.where(unseen, HIDDEN_DOUBT * step, long)
     if fitted:
-        step, off = _fitted(step, unseen, off, length_m)
+        step, off = _fitted(step, unseen, off, length_m, _straight(points, step, unseen))
     s = np.concatenate([[0.0], np.cumsum(step)])
     from_end = start is None and end is not None and not fitted
     if from_end:
@@ -264,19 +264,30 @@ def _to_and_fro(step: Floats, sigma: Floats, wave_m: float) -> Floats:
     return np.asarray(0.5 * step * np.sum((size / wave_m) ** 2 + grows**2, axis=1))
 
 
-def _fitted(step: Floats, hidden: NDArray[np.bool_], off: Floats, length_m: float) -> tuple[Floats, Floats]:
+def _straight(points_m: Floats, step: Floats, hidden: NDArray[np.bool_]) -> Floats:
+    """Steps (M - 1,) of the line through points (M, 3) whose hidden stretches go straight; 0 where seen."""
+    straight = np.zeros(len(step))
+    edges = np.flatnonzero(np.diff(hidden, prepend=False, append=False))
+    for first, last in edges.reshape(-1, 2):
+        chord_m = float(np.linalg.norm(points_m[last] - points_m[first]))
+        straight[first:last] = step[first:last] * chord_m / max(float(step[first:last].sum()), 1e-12)
+    return straight
+
+
+def _fitted(
+    step: Floats, hidden: NDArray[np.bool_], off: Floats, length_m: float, least: Floats
+) -> tuple[Floats, Floats]:
     """Steps (M - 1,) that add up to the known length, each changed by its share of what those that were
-    hidden, or seen, may be off; and what they may be off, more where all are off by more."""
+    hidden, or seen, may be off, none to less than `least`; and what they may be off, more where all are off
+    by more."""
     hidden_m, seen_m = float(step[hidden].sum()), float(step[~hidden].sum())
-    doubt = np.array([(HIDDEN_DOUBT * hidden_m) ** 2, (SEEN_DOUBT * seen_m) ** 2])
-    rest = (length_m - hidden_m - seen_m) * doubt / max(float(doubt.sum()), 1e-300)
-    changed, more = step.copy(), off.copy()
-    for mine, change in zip((hidden, ~hidden), rest, strict=True):
-        if mine.any():
-            share = off[mine] / float(off[mine].sum())
-            changed[mine] += change * share
-            more[mine] = np.maximum(off[mine], abs(float(change)) * share)
-    return changed, more
+    variances = (HIDDEN_DOUBT * hidden_m) ** 2, (SEEN_DOUBT * seen_m) ** 2
+    of_hidden = (length_m - hidden_m - seen_m) * variances[0] / max(sum(variances), 1e-300)
+    share = off / np.where(hidden, off[hidden].sum(), off[~hidden].sum())
+    # what hidden stretches cannot give way by, seen ones do
+    of_seen = length_m - seen_m - float(np.maximum(step + of_hidden * share, least)[hidden].sum())
+    change = np.where(hidden, of_hidden, of_seen)
+    return np.maximum(step + change * share, least), np.maximum(off, np.abs(change) * share)
 
 
 def _doubt(hidden: NDArray[np.bool_], off: Floats, fitted: bool, from_end: bool) -> Floats:

@@ -203,6 +203,17 @@ def test_what_one_hidden_stretch_is_longer_than_its_bridge_moves_no_point_that_w
     assert along_at(cut, 0.310, 0.05) < 5e-5
 
 
+def test_a_hidden_stretch_is_no_shorter_than_a_straight_line() -> None:
+    """A rope of 300 mm that is said to be 8 mm shorter: its gap of 49 mm is straight, the rest gives way."""
+    rope = level()
+    parts = [rope.part(slice(0, 151)), rope.part(slice(199, 301))]
+    places, way = (rope.points_m[0], rope.points_m[-1]), np.array([1.0, 0.0, 0.0])
+    axis = assemble(parts, *(Anchor(place, way) for place in places), 0.292, **SMOOTH)
+    first, last = np.flatnonzero(~axis.seen)[[0, -1]] + (-1, 1)
+    assert axis.fitted and axis.s_m[-1] == pytest.approx(0.292)
+    assert axis.s_m[last] - axis.s_m[first] == pytest.approx(0.049, rel=1e-6)
+
+
 def test_between_two_hidden_stretches_neither_end_tells_where_a_place_is() -> None:
     """A bridge of 49 mm may be off by a tenth, in the middle of two by that over the root of two; by more
     where the known length says so."""
