@@ -32,20 +32,26 @@ CAPTURED = "captured"
 
 BLOCKS = {"identify": "recordings", "diagnose": "recordings", "learn": "layouts", "execute": "layouts"}
 """Which block of the parameters names what has a folder in these."""
-
-LEARNED = (
-    "layout",
-    "goal_error_m",
-    "min_clearance_m",
-    "contacts",
-    "free_of_contact",
-    "iterations",
-    "iterations_total",
-    "starts",
-)
-"""What a learned motion's result.json must say."""
-PLAYED = ("goal_error_m", "rod_error_m", "min_clearance_m")
-"""What that of a motion played in the laboratory must say of each rope."""
+XYZ = ("x_m", "y_m", "z_m")
+TABLES: Mapping[tuple[str, str], tuple[str, ...]] = {
+    ("identify", "loss.csv"): ("method", "iteration", "loss_m"),
+    ("identify", "shapes.csv"): ("frame", "t_s", "s_m", *XYZ, "sim_x_m", "sim_y_m", "sim_z_m"),
+    ("diagnose", "shapes.csv"): (
+        "recording", "frame", "t_s", "s_m", *XYZ, "off",
+        *(f"{rod}_{x}" for rod in ("elastic", "model") for x in XYZ),
+    ),
+    ("diagnose", "scan.csv"): ("recording", "s_m", "frame", "gain", "threshold"),
+    ("diagnose", "moments.csv"): ("s_m", "curvature_1_m", "moment_n_m"),
+    ("learn", "curve.csv"): ("iteration", "loss", "goal_error_mean_m", "min_clearance_m", "contact_margin_m"),
+    ("learn", "ablation.csv"): (
+        "loss", "seed", "iteration", "value", "goal_error_mean_m", "min_clearance_m", "contact_margin_m",
+    ),
+    ("learn", "shapes.csv"): ("step", *XYZ),
+    ("learn", "trajectory.csv"): ("t_s", "end_x_m", "end_y_m", "end_z_m"),
+    ("execute", "shapes.csv"): ("law", "step", *XYZ),
+    ("execute", "log.csv"): ("timestamp",),
+}  # fmt: skip
+"""What the tables of each stage must say, as far as the report asks; what else they hold is optional."""
 
 
 @dataclass(frozen=True)
@@ -87,29 +93,22 @@ class Results:
         """A JSON object under the results, or None where there is no such file."""
         return read_object(self.folder.joinpath(*parts)) if self._asked_for(parts) else None
 
-    def table(self, *parts: str, needs: Sequence[str] = ()) -> pd.DataFrame | None:
-        """A CSV under the results, or None where there is no such file.
+    def table(self, stage: str, name: str, file: str) -> pd.DataFrame | None:
+        """A CSV that a stage left of a recording or a layout, or None where there is no such file.
 
         Raises:
-            FormatError: it lacks a column that it needs.
+            FormatError: it lacks a column that it must have.
         """
-        path = self.folder.joinpath(*parts)
-        found = read_table(path) if self._asked_for(parts) else None
-        absent = [column for column in needs if found is not None and column not in found]
+        path = self.folder / stage / name / file
+        found = read_table(path) if self._asked_for((stage, name)) else None
+        absent = [column for column in TABLES[stage, file] if found is not None and column not in found]
         if absent:
             raise FormatError(f"has no column {absent[0]}", file=path, mend="run its stage again")
         return found
 
     def learned(self, name: str) -> dict[str, Any] | None:
-        """The result.json of a layout's learned motion, or None where there is none.
-
-        Raises:
-            FormatError: it does not say what it must.
-        """
-        found = self.json("learn", name, "result.json")
-        if found is not None:
-            _check_says(found, LEARNED, self.folder / "learn" / name / "result.json")
-        return found
+        """The result.json of a layout's learned motion, or None where there is none."""
+        return self.json("learn", name, "result.json")
 
     def played(self, name: str, *apart: str) -> dict[str, dict[str, Any]]:
         """What came of a layout's motion in the laboratory, by rope; none where a robot ran it, or nobody.
@@ -117,14 +116,10 @@ class Results:
         Args:
             name: the layout.
             apart: the folder of a run apart: `without` the verdict.
-
-        Raises:
-            FormatError: it does not say what it must.
         """
-        parts = ("execute", name, *apart, "result.json")
-        ropes: dict[str, dict[str, Any]] = (self.json(*parts) or {}).get("laws", {})
-        for rope, found in ropes.items():
-            _check_says(found, PLAYED, self.folder.joinpath(*parts), f"laws.{rope}")
+        ropes: dict[str, dict[str, Any]] = (self.json("execute", name, *apart, "result.json") or {}).get(
+            "laws", {}
+        )
         return ropes
 
     def fit(self, name: str) -> Fit | None:
@@ -205,7 +200,7 @@ class Results:
 
 
 def read_object(path: Path) -> dict[str, Any] | None:
-    """A JSON object, or None where there is no file.
+    """A JSON object, or None where there is no file. What it lacks is refused when it is asked for.
 
     Raises:
         FormatError: the file is there but holds no JSON object.
@@ -218,7 +213,28 @@ def read_object(path: Path) -> dict[str, Any] | None:
         raise FormatError(f"no JSON ({error})", file=path, mend="run its stage again") from error
     if not isinstance(content, dict):
         raise FormatError("holds no JSON object", file=path, mend="run its stage again")
-    return content
+    said: dict[str, Any] = _said(content, path, ())
+    return said
+
+
+class _Said(dict[str, Any]):
+    """An object of a result, which an older version may have written: a key that it lacks is refused in
+    one line that says where."""
+
+    def __init__(self, content: Mapping[str, Any], path: Path, place: tuple[str, ...]) -> None:
+        super().__init__({key: _said(value, path, (*place, key)) for key, value in content.items()})
+        self._path, self._place = path, ".".join(place) or None
+
+    def __missing__(self, key: str) -> Any:
+        raise FormatError(f"has no {key}", file=self._path, place=self._place, mend="run its stage again")
+
+
+def _said(value: Any, path: Path, place: tuple[str, ...]) -> Any:
+    if isinstance(value, dict):
+        return _Said(value, path, place)
+    if isinstance(value, list):
+        return [_said(item, path, (*place, str(at))) for at, item in enumerate(value)]
+    return value
 
 
 def read_table(path: Path) -> pd.DataFrame | None:
@@ -242,9 +258,3 @@ def _folders(path: Path) -> list[str]:
         if path.is_dir()
         else []
     )
-
-
-def _check_says(found: Mapping[str, Any], keys: Sequence[str], path: Path, place: str | None = None) -> None:
-    absent = [key for key in keys if key not in found]
-    if absent:
-        raise FormatError(f"has no {', '.join(absent)}", file=path, place=place, mend="run its stage again")

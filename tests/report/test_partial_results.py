@@ -287,6 +287,9 @@ def test_unreadable_result_is_refused_and_nothing_written(results: Path, tmp_pat
     [
         ("learn/layout_1/result.json", "min_clearance_m", "has no min_clearance_m"),
         ("learn/layout_1/curve.csv", "contact_margin_m", "has no column"),
+        ("diagnose/captured/scan.csv", "threshold", "has no column"),
+        ("identify/captured/summary.json", "heldout_rmse_m", "has no heldout_rmse_m"),
+        ("bench.json", "at_least", "forward_vs_mujoco: has no at_least"),
         ("execute/layout_1/result.json", "rod_error_m", "laws.elastic: has no rod_error_m"),
     ],
 )

@@ -38,7 +38,7 @@ def section(results: Results, figures: Path) -> Section:
 
 def read_ablation(results: Results, name: str) -> pd.DataFrame | None:
     """A layout's ablation, None where it has none."""
-    return results.table("learn", name, "ablation.csv", needs=("contact_margin_m",))
+    return results.table("learn", name, "ablation.csv")
 
 
 def last_of_runs(table: pd.DataFrame, loss: str) -> pd.DataFrame:

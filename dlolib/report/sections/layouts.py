@@ -37,9 +37,7 @@ def section(results: Results, figures: Path) -> Section:
         blocks.append(Missing(f"No layout or no shapes to draw for {listed(absent)}."))
     blocks.append(_table(results, learned))
     curves = {
-        name: curve
-        for name in learned
-        if (curve := results.table("learn", name, "curve.csv", needs=("contact_margin_m",))) is not None
+        name: curve for name in learned if (curve := results.table("learn", name, "curve.csv")) is not None
     }
     if curves:
         blocks.append(_curves(curves, figures))
