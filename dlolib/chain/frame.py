@@ -153,13 +153,13 @@ def _strands(
     a cut skeleton goes on, a first and rough look tells."""
     if len(grids) > 1 and may_be_joined(grids, width, view, *ends):
         some = lift(grids, width, view, rope.radius_m, settings, fine=False)
-        rough = in_order(some, *ends, rope.length_m, before_m)
+        rough = in_order(some, width, *ends, rope.length_m, before_m)
         on = joined(rough, width, view, *ends) if rough else None
         if on is not None:
             grids = centred(on, width, view, rope.radius_m, settings)
             return lift(grids, width, view, rope.radius_m, settings), unordered_m(some)
     some = lift(grids, width, view, rope.radius_m, settings)
-    return in_order(some, *ends, rope.length_m, before_m), unordered_m(some)
+    return in_order(some, width, *ends, rope.length_m, before_m), unordered_m(some)
 
 
 def _view(frame: Frame, index: CaptureIndex, settings: ChainSettings) -> View:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from itertools import combinations
+
 import numpy as np
 
 from dlolib.chain.anchor import Anchor
@@ -13,13 +16,29 @@ TURN_M = 0.05
 SKIP = 2.0
 # By so much a rope may be longer than it is said to be; what is longer still is not that rope alone.
 LONGER = 0.1
-DIRECTION_SAMPLES = 10
+# Within a width of its tip a strand at a crossing is bent into the other: where it goes is what it does
+# before that, over so many more widths.
+BENT_WIDTHS, HEADING_WIDTHS = 1.0, 2.0
+# Depth at a tip, beside what hides the rope or beyond its last readings, is surer by so much less than its
+# place in the image: a way counts by this share of its length along the line of sight.
+DEPTH_SHARE = 0.25
 BLUR_M = 0.004
 NEAR_BEFORE_M, AGAINST_M = 0.03, 0.03
 
 
+@dataclass(frozen=True)
+class _Tip:
+    """Where a strand or a held end comes to an end [m] (3,), from where on it is straight, and its direction
+    outward (3,)."""
+
+    place_m: Floats
+    base_m: Floats
+    outward: Floats
+
+
 def in_order(
     strands: list[Strand],
+    width: float,
     start: Anchor | None,
     end: Anchor | None,
     length_m: float,
@@ -32,24 +51,24 @@ def in_order(
     length; but of what is longer than the rope (length_m) together, some is not of it, and so does what is
     taken too much. The held ends are known; with both ends free the direction is arbitrary. Where the rope
     was a frame ago (a line before_m (M, 3), from start to end) settles what else is nearly even: to run along
-    a strand against it costs a little. All are in the same axes.
+    a strand against it costs a little. All are in camera axes; width, the rope's, is in samples of a strand.
     """
     strands = _longest(strands)[:MOST_STRANDS]
     if not strands:
         return []
-    places, outward = _tips(strands)
-    count = len(strands)
-    between = np.array([[_link(places, outward, a, b) for b in range(2 * count)] for a in range(2 * count)])
-    opening = [
-        0.0 if start is None else _price(start.place_m, start.tangent, places[e], -outward[e])
-        for e in range(2 * count)
-    ]
-    closing = [
-        0.0 if end is None else _price(places[e], outward[e], end.place_m, end.tangent)
-        for e in range(2 * count)
-    ]
+    tips = [tip for strand in strands for tip in _tips(strand, width)]
+    count = len(tips)
+    between = np.full((count, count), np.inf)
+    for leave, enter in combinations(range(count), 2):
+        if leave // 2 != enter // 2:
+            between[leave, enter] = between[enter, leave] = _price(tips[leave], tips[enter])
+    opening, closing = [0.0] * count, [0.0] * count
+    if start is not None:
+        opening = [_price(_Tip(start.place_m, start.place_m, start.tangent), tip) for tip in tips]
+    if end is not None:
+        closing = [_price(tip, _Tip(end.place_m, end.place_m, -end.tangent)) for tip in tips]
     # Of a strand that is left through a tip, whichever way the rope came to it.
-    against = _against(places, before_m)
+    against = _against(np.array([tip.place_m for tip in tips]), before_m)
     closing = [price + wrong for price, wrong in zip(closing, against, strict=True)]
     between += against[:, None]
     exits = _held_karp(between, opening, closing, _misses([length(strand) for strand in strands], length_m))
@@ -70,15 +89,16 @@ def length(strand: Strand) -> float:
     return float(np.linalg.norm(np.diff(strand.points_m, axis=0), axis=1).sum())
 
 
-def _tips(strands: list[Strand]) -> tuple[Floats, Floats]:
-    """Places (2S, 3) and outward directions (2S, 3) of all tips: 2k the first, 2k + 1 the last of k."""
-    places, outward = [], []
-    for strand in strands:
-        back = min(DIRECTION_SAMPLES, len(strand.points_m) - 1)
-        for tip, inner in ((0, back), (-1, -1 - back)):
-            places.append(strand.points_m[tip])
-            outward.append(_unit(strand.points_m[tip] - strand.points_m[inner]))
-    return np.array(places), np.array(outward)
+def _tips(strand: Strand, width: float) -> tuple[_Tip, _Tip]:
+    """Its first and its last end."""
+    last = len(strand.points_m) - 1
+    base = min(round(BENT_WIDTHS * width), last // 2)
+    inner = min(base + max(round(HEADING_WIDTHS * width), 1), last)
+    first, second = (
+        _Tip(points[0], points[base], _unit(points[base] - points[inner]))
+        for points in (strand.points_m, strand.points_m[::-1])
+    )
+    return first, second
 
 
 def _against(places: Floats, before_m: Floats | None) -> Floats:
@@ -94,18 +114,20 @@ def _against(places: Floats, before_m: Floats | None) -> Floats:
     return price
 
 
-def _link(places: Floats, outward: Floats, leave: int, enter: int) -> float:
-    if leave // 2 == enter // 2:
-        return np.inf
-    return _price(places[leave], outward[leave], places[enter], -outward[enter])
-
-
-def _price(here: Floats, heading: Floats, there: Floats, arriving: Floats) -> float:
-    """Price [m] of going from one place and direction to another: the way, and the turning on it."""
-    gap = there - here
-    way = _unit(gap + BLUR_M * (heading + arriving))
+def _price(leave: _Tip, enter: _Tip) -> float:
+    """Price [m] of going from one tip on to another, or back: the way, and the turning on it."""
+    sight = _unit(leave.place_m + enter.place_m)
+    gap = _flat(enter.place_m - leave.place_m, sight)
+    heading, arriving = _unit(_flat(leave.outward, sight)), _unit(_flat(-enter.outward, sight))
+    way = _unit(_flat(enter.base_m - leave.base_m, sight) + BLUR_M * (heading + arriving))
     turning = 2.0 - float(heading @ way) - float(way @ arriving)
     return float(np.linalg.norm(gap)) + TURN_M * turning
+
+
+def _flat(vector: Floats, sight: Floats) -> Floats:
+    """A vector (3,) with less of its part along the line of sight (3,)."""
+    flat: Floats = vector - (1.0 - DEPTH_SHARE) * float(vector @ sight) * sight
+    return flat
 
 
 def _misses(lengths_m: list[float], length_m: float) -> list[float]:

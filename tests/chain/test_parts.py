@@ -7,6 +7,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from scipy.interpolate import CubicHermiteSpline
 
 from dlolib.chain.anchor import Anchor
 from dlolib.chain.axis import Axis, assemble
@@ -20,6 +21,8 @@ from dlolib.chain.view import View
 from dlolib.types import Floats, Rope
 
 SMOOTH = {"bridge_m": 0.006, "smooth_m": 0.03}
+# What is put in order lies before the camera, about as many samples wide.
+FAR_M, WIDTH = np.array([0.0, 0.0, 0.7]), 6.0
 
 
 def drawn(points: Floats, thickness: int = 6) -> np.ndarray:
@@ -62,11 +65,11 @@ def test_of_an_image_of_noise_no_more_than_some_lines_are_looked_at() -> None:
 
 def test_strands_are_put_in_order_through_gaps_and_turned() -> None:
     angle = np.linspace(0, np.pi, 301)
-    arc = np.stack([np.cos(angle), np.sin(angle), np.zeros(301)], axis=-1) * 0.14
+    arc = np.stack([np.cos(angle), np.sin(angle), np.zeros(301)], axis=-1) * 0.14 + FAR_M
     parts = [arc[200:], arc[:90][::-1], arc[110:180]]
     start = Anchor(arc[0], np.array([0.0, 1.0, 0.0]))
     end = Anchor(arc[-1], np.array([0.0, -1.0, 0.0]))
-    ordered = in_order([strand(part) for part in parts], start, end, 0.14 * np.pi)
+    ordered = in_order([strand(part) for part in parts], WIDTH, start, end, 0.14 * np.pi)
     joined = np.concatenate([part.points_m for part in ordered])
     np.testing.assert_array_equal(joined, np.concatenate([arc[:90], arc[110:180], arc[200:]]))
 
@@ -74,36 +77,59 @@ def test_strands_are_put_in_order_through_gaps_and_turned() -> None:
 def test_a_crossing_is_gone_straight_through() -> None:
     # A loop: along x, around, and back across itself along y. Four strands meet at the crossing.
     t = np.linspace(0, 1, 60)[:, None]
-    first = np.array([-0.1, 0, 0]) * (1 - t) + np.array([-0.01, 0, 0]) * t
+    first = np.array([-0.1, 0, 0]) * (1 - t) + np.array([-0.01, 0, 0]) * t + FAR_M
     angle = np.linspace(-np.pi / 2, np.pi, 200)
     loop = np.stack([0.08 + 0.08 * np.cos(angle), 0.08 + 0.08 * np.sin(angle), 0 * angle], axis=-1)
-    loop = np.concatenate([np.array([[0.01, 0, 0]]), loop, np.array([[0, 0.01, 0]])])
-    last = np.array([0, -0.01, 0]) * (1 - t) + np.array([0, -0.1, 0]) * t
+    loop = np.concatenate([np.array([[0.01, 0, 0]]), loop, np.array([[0, 0.01, 0]])]) + FAR_M
+    last = np.array([0, -0.01, 0]) * (1 - t) + np.array([0, -0.1, 0]) * t + FAR_M
     strands = [strand(last), strand(loop[::-1]), strand(first)]
-    ordered = in_order(strands, Anchor(first[0], np.array([1.0, 0, 0])), None, sum(map(length, strands)))
+    ordered = in_order(
+        strands, WIDTH, Anchor(first[0], np.array([1.0, 0, 0])), None, sum(map(length, strands))
+    )
     np.testing.assert_array_equal(
         np.concatenate([s.points_m for s in ordered]), np.concatenate([first, loop, last])
     )
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_strands_that_bend_into_a_crossing_and_lose_their_depth_there_go_straight_on(seed: int) -> None:
+    """As in a stereo camera's clouds: within a width of the fork a skeleton runs into the other strand, and
+    the depth read there is that of neither."""
+    rng = np.random.default_rng(seed)
+    there, back = np.array([0.9, 0.4, 0.0]), np.array([-0.9, 0.4, 0.0])
+    loop = CubicHermiteSpline([0, 1], np.zeros((2, 3)), [0.8 * there, 0.8 * back])(np.linspace(0, 1, 300))
+    way = np.linspace(0, 0.1, 60)[:, None]
+    bent = []
+    for arm, tips in ((-there * way[::-1], (-1,)), (loop, (0, -1)), (back * way, (0,))):
+        points = arm + FAR_M
+        for tip in tips:
+            into = np.clip(1 - np.arange(len(arm)) / WIDTH, 0, 1)[:: 1 if tip == 0 else -1, None]
+            points = points + into * rng.uniform(-1, 1, 3) * [0.004, 0.004, 0.015]
+        bent.append(points)
+    strands = [strand(bent[2]), strand(bent[1][::-1]), strand(bent[0])]
+    start = Anchor(bent[0][0], there)
+    ordered = in_order(strands, WIDTH, start, None, sum(map(length, strands)))
+    np.testing.assert_array_equal(np.concatenate([s.points_m for s in ordered]), np.concatenate(bent))
+
+
 def test_a_stray_piece_is_left_out() -> None:
-    line = np.linspace([0, 0, 0], [0.4, 0, 0], 300)
-    stray = np.linspace([0.2, 0.2, 0], [0.22, 0.22, 0], 20)
+    line = np.linspace([0, 0, 0], [0.4, 0, 0], 300) + FAR_M
+    stray = np.linspace([0.2, 0.2, 0], [0.22, 0.22, 0], 20) + FAR_M
     anchors = [Anchor(line[i], np.array([1.0, 0, 0])) for i in (0, -1)]
-    ordered = in_order([strand(stray), strand(line)], *anchors, 0.4)
+    ordered = in_order([strand(stray), strand(line)], WIDTH, *anchors, 0.4)
     assert len(ordered) == 1 and len(ordered[0].points_m) == 300
 
 
 @pytest.mark.parametrize("held", [0, 1])
 def test_what_is_more_than_the_rope_is_left_out(held: int) -> None:
     """Another cable, longer than what lies between: to leave it out is no loss."""
-    line = np.linspace([0, 0, 0], [0.4, 0, 0], 300)
-    other = np.linspace([0.5, 0.2, 0], [0.85, 0.2, 0], 300)
+    line = np.linspace([0, 0, 0], [0.4, 0, 0], 300) + FAR_M
+    other = np.linspace([0.5, 0.2, 0], [0.85, 0.2, 0], 300) + FAR_M
     start = Anchor(line[0], np.array([1.0, 0, 0])) if held else None
-    (ordered,) = in_order([strand(line), strand(other)], start, None, 0.4)
+    (ordered,) = in_order([strand(line), strand(other)], WIDTH, start, None, 0.4)
     assert np.ptp(ordered.points_m[:, 1]) == 0 and ordered.points_m[:, 1].max() == 0
     # one that long is all of it
-    assert len(in_order([strand(line), strand(other)], start, None, 0.9)) == 2
+    assert len(in_order([strand(line), strand(other)], WIDTH, start, None, 0.9)) == 2
 
 
 def hairpin() -> Axis:
@@ -263,10 +289,12 @@ def test_a_rope_in_many_pieces_is_put_in_order() -> None:
     """As a coil of some turns is seen: each a little beside the one before."""
     rng = np.random.default_rng(4)
     at = np.linspace(0.0, 6.0 * np.pi, 601)
-    coil = np.stack([0.01 * at + 0.05 * np.cos(at), 0.05 * np.sin(at), 0.02 * np.cos(at + 1.0)], axis=1)
+    coil = (
+        np.stack([0.01 * at + 0.05 * np.cos(at), 0.05 * np.sin(at), 0.02 * np.cos(at + 1.0)], axis=1) + FAR_M
+    )
     pieces = [strand(coil[50 * k + 2 : 50 * k + 48]) for k in range(12)]
     mixed = [pieces[k] if rng.random() < 0.5 else pieces[k].turned() for k in rng.permutation(12)]
     length_m = float(np.linalg.norm(np.diff(coil, axis=0), axis=1).sum())
     start = Anchor(coil[0], coil[1] - coil[0])
-    found = in_order(mixed, start, None, length_m)
+    found = in_order(mixed, WIDTH, start, None, length_m)
     assert [piece.points_m[0].tolist() for piece in found] == [piece.points_m[0].tolist() for piece in pieces]
