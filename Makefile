@@ -52,6 +52,12 @@ sweeps: .venv/installed ## diagnose two sweeps and settled poses of one real cab
 	@[ -n "$(DATA)" ] || { echo "make sweeps: DATA is not set; say where the recordings lie: make sweeps DATA=DIR" >&2; exit 2; }
 	@python -m stages.sweeps "$(DATA)" $(CASE)
 
+.PHONY: clouds
+clouds: COUNT = 300
+clouds: .venv/installed ## chains of the real clouds in DATA=DIR, and of COUNT=300 laid out anew with crossings: reports/clouds.json
+	@[ -n "$(DATA)" ] || { echo "make clouds: DATA is not set; say where the captures lie: make clouds DATA=DIR" >&2; exit 2; }
+	@python -m stages.clouds "$(DATA)" "$(COUNT)"
+
 .PHONY: deform
 deform: .venv/installed ## fit two cables swung fast by two arms, in DATA=DIR, and foretell others open loop: reports/deform.json
 	@[ -n "$(DATA)" ] || { echo "make deform: DATA is not set; say where the recordings lie: make deform DATA=DIR" >&2; exit 2; }

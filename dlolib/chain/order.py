@@ -21,7 +21,7 @@ LONGER = 0.1
 BENT_WIDTHS, HEADING_WIDTHS = 1.0, 2.0
 # Depth at a tip, beside what hides the rope or beyond its last readings, is surer by so much less than its
 # place in the image: a way counts by this share of its length along the line of sight.
-DEPTH_SHARE = 0.25
+DEPTH_SHARE = 0.5
 BLUR_M = 0.004
 NEAR_BEFORE_M, AGAINST_M = 0.03, 0.03
 
@@ -71,7 +71,7 @@ def in_order(
     against = _against(np.array([tip.place_m for tip in tips]), before_m)
     closing = [price + wrong for price, wrong in zip(closing, against, strict=True)]
     between += against[:, None]
-    exits = _held_karp(between, opening, closing, _misses([length(strand) for strand in strands], length_m))
+    exits = _held_karp(between, opening, closing, _misses([_worth(strand) for strand in strands], length_m))
     return [strands[e // 2] if e % 2 else strands[e // 2].turned() for e in exits]
 
 
@@ -87,6 +87,12 @@ def _longest(strands: list[Strand]) -> list[Strand]:
 def length(strand: Strand) -> float:
     """Length [m] of a strand's polyline."""
     return float(np.linalg.norm(np.diff(strand.points_m, axis=0), axis=1).sum())
+
+
+def _worth(strand: Strand) -> float:
+    """How long [m] a strand looks: a stub whose depth runs away is no more of the rope than that."""
+    middle = _unit(strand.points_m[len(strand.points_m) // 2])
+    return float(np.linalg.norm(_flat(np.diff(strand.points_m, axis=0), middle, 0.0), axis=1).sum())
 
 
 def _tips(strand: Strand, width: float) -> tuple[_Tip, _Tip]:
@@ -124,9 +130,9 @@ def _price(leave: _Tip, enter: _Tip) -> float:
     return float(np.linalg.norm(gap)) + TURN_M * turning
 
 
-def _flat(vector: Floats, sight: Floats) -> Floats:
-    """A vector (3,) with less of its part along the line of sight (3,)."""
-    flat: Floats = vector - (1.0 - DEPTH_SHARE) * float(vector @ sight) * sight
+def _flat(vector: Floats, sight: Floats, share: float = DEPTH_SHARE) -> Floats:
+    """Vectors (..., 3) with a share of their part along the line of sight (3,)."""
+    flat: Floats = vector - (1.0 - share) * (vector @ sight)[..., None] * sight
     return flat
 
 
