@@ -20,8 +20,9 @@ from dlolib.sim.continuum import LEFT, MOST_FINER, known_mesh_error, mesh_error,
 from dlolib.sim.rod import Rod
 from dlolib.types import Floats
 
-# A finer mesh is worth its time if it leaves half of the error at most, of χ² a quarter: what converges more
-# slowly leaps between meshes, as a rope does that is all but limp in twist for want of an effect.
+# A finer mesh is worth its time if it leaves half of the error at most, of χ² a quarter: what does not come
+# to that leaps between meshes, as a rope does that is all but limp in twist for want of an effect. Between
+# two meshes one that slides may leap once: a finer one tells.
 CONVERGES = 0.25
 
 
@@ -35,17 +36,17 @@ def fine_enough(
         again: fits the model to a study on other meshes.
     """
     left = _left(study, model)
-    while left.max() > LEFT:
-        finer = _finer(study, left > LEFT, settings)
-        if finer is study:
+    finer, more = study, left
+    while more.max() > LEFT:
+        before, finer = finer, _finer(finer, more > LEFT, settings)
+        if finer is before:
             break
         try:
             more = _left(finer, again(finer))
         except SimulationError:
             break  # a finer rope that cannot be simulated tells nothing
-        if more.sum() > CONVERGES * left.sum():
-            break
-        study, left = finer, more
+        if more.sum() <= CONVERGES * left.sum():
+            study, left = finer, more
     return study
 
 

@@ -48,6 +48,8 @@ def _gains(case: Case, experiment: Experiment, truth: Floats) -> dict[str, Any]:
     for name in case.effects:
         others = {other: values for other, values in case.effects.items() if other != name}
         gains[name] = gain(experiment, truth, others, case.noise) if others else elastic
+        # the elastic rope is one with others of no size: where the search from their true one ends above it
+        gains[name] = min(gains[name], elastic, key=lambda one: one.value)
     # Lost points take their share of the information.
     shares = {name: seen * found.value for name, found in gains.items()}
     return {

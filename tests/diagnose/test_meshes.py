@@ -45,12 +45,18 @@ def test_a_rope_that_slides_on_a_bar_is_as_stiff_as_it_is(
 
 @pytest.mark.parametrize(
     ("left", "finer"),
-    [((1.9,), 1), ((500.0, 400.0), 1), ((500.0, 30.0, 8.0), 2), ((500.0, 30.0, 7.0, 6.0), 4)],
+    [
+        ((1.9,), 1),
+        ((500.0, 400.0, 300.0), 1),
+        ((500.0, 30.0, 8.0), 2),
+        ((500.0, 30.0, 7.0), 4),
+        ((115.0, 48.0, 6.0), 4),
+    ],
 )
 def test_a_mesh_is_made_finer_as_long_as_that_helps(
     left: Sequence[float], finer: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """By halves of the error, and no further than so many times as fine."""
+    """To half of the error, be it by two meshes at once, and no further than so many times as fine."""
     assert MOST_FINER == 4
     study = raw_study([over_the_bar(30)], SETTINGS)
     told, fits = iter(left), []
