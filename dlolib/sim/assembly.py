@@ -139,6 +139,15 @@ def frozen(limits: ti.template(), b: int, k: int, lagged: int) -> vec4:
 
 
 @ti.func
+def held(limits: ti.template(), b: int, p: int, points: int) -> bool:
+    """Whether a limit is noted of any of so many contact points that begin with particle p."""
+    found = False
+    for j in range(points):
+        found = found or limits[b, 0, SAMPLES * p + j] > 0.0
+    return found
+
+
+@ti.func
 def pulled(limits: ti.template(), b: int, k: int, lagged: int) -> vec3:
     """The stretch that contact k is expected to have, where its limit is noted."""
     found = vec3(0.0)
@@ -232,10 +241,11 @@ def assemble(
         if i > 0:
             p = i - 1
             if ti.static(not plain):
-                # a rope whose segment is out of reach has nothing to look for, but where limits are noted
+                # a segment out of reach has nothing to look for, but where limits are noted
                 reach = SAMPLES if p + 1 < n else 1
                 if obstacles.shape[1] == 0 or (
-                    lagged == 0 and out_of_reach(b, b, t, p, x, steps, segments, contacts, obstacles)
+                    out_of_reach(b, b, t, p, x, steps, segments, contacts, obstacles)
+                    and not (lagged == 1 and held(limits, b, p, reach))
                 ):
                     reach = 0
                 for j in range(reach):

@@ -47,6 +47,41 @@ def stiffen(upper: ti.template(), b: int, rows: int, by: float, scale_x: float, 
 
 
 @ti.func
+def factor_stiffer(
+    upper: ti.template(), lower: ti.template(), spare: ti.template(), b: int, rows: int, symmetric: int,
+    exact: bool, again: int, loose: float, damping: float, shift_before: float, least_shift: float,
+    enough: float, scale_x: float, scale_t: float,
+):  # fmt: skip
+    """Factor the Hessian; where it is that of a rope about to buckle, with `again` the same ever stiffer.
+
+    enough: what was, before; a little less is tried at first. spare: room for two bands of each rope.
+
+    Returns:
+        whether it is still indefinite; what was added to it; what of that because it was indefinite.
+    """
+    shift = shift_before
+    added = ti.max(loose, ti.max(shift, damping))
+    if again == 1:
+        for r in range(rows):
+            spare[2 * b, r] = upper[b, r]
+            if symmetric == 0:
+                spare[2 * b + 1, r] = lower[b, r]
+    indefinite, trying = True, True
+    while trying:
+        stiffen(upper, b, rows, added, scale_x, scale_t)
+        indefinite = factor(upper, lower, b, rows, symmetric, 0 if exact else 1) > 0
+        trying = indefinite and again == 1 and shift <= MOST_ADDED
+        if trying:
+            shift = ti.max(least_shift, 10.0 * ti.max(added, enough / 1000.0))
+            added = ti.max(loose, ti.max(shift, damping))
+            for r in range(rows):
+                upper[b, r] = spare[2 * b, r]
+                if symmetric == 0:
+                    lower[b, r] = spare[2 * b + 1, r]
+    return indefinite, added, shift
+
+
+@ti.func
 def stand(
     b: int, t: int, x: ti.template(), q: ti.template(), base_x: ti.template(), base_q: ti.template(),
     y: ti.template(), fraction: float,
@@ -143,9 +178,9 @@ def equilibrium(
     steps: ti.template(), joints: ti.template(), segments: ti.template(), particles: ti.template(),
     contacts: ti.template(), obstacles: ti.template(), grips: ti.template(), clamped: ti.template(),
     moving: int, momentum: float, fresh: int, symmetric: int, tolerance: float, most: int,
-    added_before: float, upper: ti.template(), lower: ti.template(), y: ti.template(), limits: ti.template(),
-    expected: ti.template(), begin_x: ti.template(), begin_q: ti.template(), base_x: ti.template(),
-    base_q: ti.template(), plain: ti.template(),
+    added_before: float, upper: ti.template(), lower: ti.template(), spare: ti.template(), y: ti.template(),
+    limits: ti.template(), expected: ti.template(), begin_x: ti.template(), begin_q: ti.template(),
+    base_x: ti.template(), base_q: ti.template(), plain: ti.template(),
 ):  # fmt: skip
     """Newton's method from where the rope was put at index t, to where no force is left.
 
@@ -245,9 +280,10 @@ def equilibrium(
                     damping = 0.0
             lowest, least, fresh_base = energy, force, False
             hold_ends(upper, lower, b, n, b, grips, clamped, symmetric)
-            added = ti.max(loose, ti.max(shift, damping))
-            stiffen(upper, b, rows, added, scale_x, scale_t)
-            indefinite = factor(upper, lower, b, rows, symmetric, 0 if exact else 1) > 0
+            indefinite, added, shift = factor_stiffer(
+                upper, lower, spare, b, rows, symmetric, exact, 1 - mixed, loose, damping, shift, least_shift,
+                enough, scale_x, scale_t,
+            )  # fmt: skip
             if mixed == 1 and (indefinite or astray or count > MOST_MIXED):
                 # once more from the beginning, now downhill
                 mixed = 0
@@ -257,12 +293,7 @@ def equilibrium(
                     q[b, t, i] = begin_q[b, i]
                 lowest, least, step, last_step, fraction = 1e300, 1e300, 1e300, 1e300, 1.0
             elif indefinite:
-                # a rope about to buckle: the same again, stiffer; at first a little less than was
-                # enough before
-                shift = ti.max(least_shift, 10.0 * ti.max(added, enough / 1000.0))
-                count -= 1
-                if shift > MOST_ADDED:
-                    done, found = True, NOT_FINITE
+                done, found = True, NOT_FINITE
             else:
                 shifted, enough, shift, fresh_base = shift > 0.0, shift, 0.0, True
                 for r in range(rows):
