@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.stats import binomtest
+from scipy.stats import binomtest, halfnorm, norm
 
 from dlolib.proof.gain import DETECTABLE
 
@@ -21,6 +21,8 @@ INTERVALS = ("covered", "covered_forms")
 # With these a rope has sides.
 DIRECTED = frozenset({"anisotropic_bending", "rest_curvature"})
 PLACED = ("stiffness_profile", "mass_profile")
+# So many quantiles stand for what chance draws.
+DRAWN = 200
 # How far off EI is at least without the named effect, to see by how much that effect mends it.
 BIASED = (0.01, 0.02, 0.05, 0.1)
 # Parameters that mean the same in the laboratory's laws as in formats.md.
@@ -120,6 +122,7 @@ def score(verdict: Verdict | None, answer: Answer) -> dict[str, Any]:
         row["stiffness_error"] = {
             part: _stiffness_error(verdict[part], answer) for part in ("baseline", "augmented")
         }
+        row["stiffness_deviation"] = _stiffness_deviation(verdict)
     return row
 
 
@@ -301,6 +304,15 @@ def _stiffness_error(part: Mapping[str, Any], answer: Answer) -> float | None:
     return None if found is None else found["value"] / answer["bending_stiffness"] - 1
 
 
+def _stiffness_deviation(verdict: Verdict) -> float | None:
+    """EI's standard deviation beside the named effects, over EI, as its interval has it; None: has none."""
+    found = verdict["augmented"]["parameters"].get("bending_stiffness")
+    if found is None or None in (found["low"], found["high"]):
+        return None
+    wide = 2 * norm.ppf(0.975)
+    return float((found["high"] - found["low"]) / wide / found["value"])
+
+
 def _coverage(rows: Sequence[Mapping[str, Any]], key: str) -> dict[str, Any]:
     held = [(name, inside) for row in rows for name, inside in row.get(key, {}).items()]
     names = sorted({name for name, _ in held})
@@ -316,11 +328,14 @@ def _places(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 def _bias(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Median size of EI's relative error with the named effect and without, and of their ratio; that also
-    where the error without is more than some: where it is less, there is no bias to take away but noise."""
+    where the error without is more than some: where it is less, there is no bias to take away but noise.
+
+    expected: the ratio's median if EI were off by what its intervals say, no more and no less.
+    """
     both = [row["stiffness_error"] for row in rows if "stiffness_error" in row]
     known = [one for one in both if one["baseline"] and one["augmented"] is not None]
     if not known:
-        return {"recordings": 0, "without": None, "with": None, "ratio": None, "where": []}
+        return {"recordings": 0, "without": None, "with": None, "ratio": None, "where": [], "expected": None}
     without = np.abs([one["baseline"] for one in known])
     named_too = np.abs([one["augmented"] for one in known])
     where = [(more, without > more) for more in BIASED if (without > more).any()]
@@ -337,4 +352,18 @@ def _bias(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             }
             for more, some in where
         ],
+        "expected": _expected(rows),
     }
+
+
+def _expected(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
+    told = [
+        (row.get("stiffness_deviation"), row["stiffness_error"]["baseline"])
+        for row in rows
+        if "stiffness_error" in row
+    ]
+    scale = [deviation / abs(without) for deviation, without in told if deviation is not None and without]
+    if not scale:
+        return None
+    of_one = halfnorm.ppf((np.arange(DRAWN) + 0.5) / DRAWN)
+    return {"recordings": len(scale), "ratio": float(np.median(np.outer(scale, of_one)))}

@@ -134,6 +134,23 @@ def test_what_is_left_of_a_bias_is_told_by_its_size() -> None:
     ]
 
 
+def test_what_may_be_left_of_a_bias_is_what_intervals_say() -> None:
+    said = verdict("explained", LUMP)
+    row = score(said, answer(LUMP))
+    assert row["stiffness_deviation"] is None  # the interval has no end
+    said["augmented"]["parameters"]["bending_stiffness"]["high"] = 3.12e-4
+    assert score(said, answer(LUMP))["stiffness_deviation"] == pytest.approx(0.22 / 3.92 / 3.01, rel=1e-4)
+    rows = [
+        {**row, "stiffness_error": {"baseline": b, "augmented": 0.0}, "stiffness_deviation": d}
+        for b, d in ((0.1, 0.01), (-0.1, 0.01), (0.1, 0.01), (0.2, None))
+    ]
+    told = summarise(rows)["stiffness_bias"]["expected"]
+    # half of what is normal lies within 0.674 deviations
+    assert told == {"recordings": 3, "ratio": pytest.approx(0.0674, rel=0.01)}
+    older = [{key: value for key, value in row.items() if key != "stiffness_deviation"} for row in rows]
+    assert summarise(older)["stiffness_bias"]["expected"] is None
+
+
 def test_what_stays_unexplained_is_not_told_as_named() -> None:
     (row,) = summarise([score(verdict("unexplained", SPOT), answer(LUMP))])["confusion"]
     assert row == {"true": LUMP, "said": f"unexplained, and {SPOT}", "count": 1}

@@ -115,6 +115,12 @@ def _words(proof: Mapping[str, Any]) -> Paragraph:
             f"error {fixed(bias['ratio'], 2)} is left in the median (goal 0.2); where it is more than "
             f"{_where(bias)}."
         )
+        if bias.get("expected"):
+            expected = bias["expected"]
+            text += (
+                f" If EI were off by what its intervals say, no more, {fixed(expected['ratio'], 2)} would be "
+                f"left ({expected['recordings']} recordings)."
+            )
     return Paragraph(text)
 
 
