@@ -45,7 +45,10 @@ KEPT = ("verdict.json", "next_motion.csv")
 WORKERS, LIMIT_S = os.cpu_count() or 1, 1800
 CALIBRATION_NULLS, CALIBRATION_SIZE = 12, 3.0
 # What is told of every version.
-TOLD = ("detectable", "right_or_tied", "confidently_wrong", "false_alarms")
+TOLD = (
+    "detectable", "right_or_tied", "tied", "confidently_wrong", "wrong_of_too_small", "false_alarms",
+    "pairs_both_named", "heldout_better", "heldout_better_than_black_box", "place", "stiffness_bias",
+)  # fmt: skip
 
 
 def main(*arguments: str) -> None:
@@ -215,6 +218,7 @@ def versions(scored: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
         read = [json.loads((BOOK / f"{shard}.json").read_text())["recordings"] for shard in shards]
         told = summarise([row for one in read for row in one.values()])
         found.append({"shards": shards, "recordings": told["recordings"]} | {key: told[key] for key in TOLD})
+        found[-1]["coverage"] = {"all": told["coverage"]["all"]}
     return found
 
 

@@ -19,8 +19,8 @@ LONGER = 0.1
 # Within a width of its tip a strand at a crossing is bent into the other: where it goes is what it does
 # before that, over so many more widths.
 BENT_WIDTHS, HEADING_WIDTHS = 1.0, 2.0
-# Depth at a tip, beside what hides the rope or beyond its last readings, is surer by so much less than its
-# place in the image: a way counts by this share of its length along the line of sight.
+# At a tip, beside what hides the rope or beyond its last readings, depth is less sure than the place in the
+# image: of a way's length along the line of sight this share counts.
 DEPTH_SHARE = 0.5
 BLUR_M = 0.004
 NEAR_BEFORE_M, AGAINST_M = 0.03, 0.03

@@ -30,8 +30,13 @@ DETECTABLE = "of these where the laboratory says that something is detectable"
 # Of every version.
 VERSIONS = {
     "right_or_tied": "Right or tied",
+    "tied": "Tied",
     "confidently_wrong": "Confidently wrong",
+    "wrong_of_too_small": "Named wrongly, too small to be detectable",
     "false_alarms": "Alarms where nothing is missing",
+    "pairs_both_named": "Both of a pair",
+    "heldout_better": "Held-out motion better",
+    "place": "Places within 15 mm",
 }
 # Counted beside it: the file, where the share lies in it, what it is, and its goal.
 BESIDE = (
@@ -210,13 +215,18 @@ def _confusion(proof: Mapping[str, Any]) -> Table:
     return Table("What was in the recordings, and what was said.", columns, rows)
 
 
+def _counted(share: Mapping[str, Any]) -> str:
+    return f"{share['count']} of {share['of']}" if share["of"] else ABSENT
+
+
 def _versions(proof: Mapping[str, Any]) -> Table:
     rows = tuple(
         (
             one["shards"][-1].removeprefix("shard_"),
             str(len(one["shards"])),
             str(one["recordings"]),
-            *(f"{one[key]['count']} of {one[key]['of']}" for key in VERSIONS),
+            *(_counted(one[key]) for key in VERSIONS),
+            fixed(one["stiffness_bias"]["ratio"], 2),
         )
         for one in proof["versions"]
     )
@@ -225,6 +235,7 @@ def _versions(proof: Mapping[str, Any]) -> Table:
         Column("In all", "shards"),
         Column("In all", "recordings"),
         *(Column(title, "recordings") for title in VERSIONS.values()),
+        Column("EI's error, with over without", "median"),
     )
     caption = (
         "Every version of what diagnoses, with its own shards; the last one's are those that count above."
