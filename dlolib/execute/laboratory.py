@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from dlolib.errors import ParameterError
 from dlolib.execute.limits import ROUNDING
 from dlolib.execute.log import ExecutionResult, RobotLog, evaluate, write_log, write_result
-from dlolib.execute.path import tool_vectors
+from dlolib.execute.path import LONGEST_S, tool_vectors
 from dlolib.execute.recorded import RECORDED, columns
 from dlolib.execute.stream import DONE
 from dlolib.files import write_csv
@@ -24,8 +24,6 @@ from dlolib.lab.rope import LabRope, Law
 from dlolib.types import Floats, Layout, Motion
 
 SETTLE_S = 2.0
-# An hour: what lasts longer is a clock that jumped.
-LONGEST_S = 3600.0
 EVERY = 30
 HELD_M, HELD_RAD = 5e-3, 0.05
 RUNNING = {"speed_scaling": 1.0, "robot_mode": 7.0, "safety_mode": 1.0, "runtime_state": 2.0}

@@ -14,6 +14,8 @@ from dlolib.formats.motion import interpolate_motion
 from dlolib.types import Floats, Motion
 
 SLOWER = "run it slower (time_scale in robot.json)"
+# An hour: what lasts longer is a clock that jumped.
+LONGEST_S = 3600.0
 # Steps of a period are differences of nearly equal numbers.
 SAMPLED_ROUNDING = 1e-6
 
@@ -62,7 +64,8 @@ def turn_as_stored(first: Floats, second: Floats) -> Floats:
 
 
 def check_path(path: Motion, limits: Limits, file: Path | None = None) -> None:
-    """Refuse a tool path that leaves the workspace or the reach, is too fast, or sampled too coarsely.
+    """Refuse a tool path that leaves the workspace or the reach, is too fast or too long, or sampled too
+    coarsely.
 
     Args:
         path: from `path_in_base`.
@@ -73,6 +76,10 @@ def check_path(path: Motion, limits: Limits, file: Path | None = None) -> None:
         MotionRefused: names the first offending row, its time, the value, the limit and the mend.
     """
     _check_place(path, limits, file)
+    lasts_s = float(np.ptp(path.t_s))
+    if lasts_s > LONGEST_S:
+        mend = "look for a jump of the clock in column t_s, or give a smaller time_scale in robot.json"
+        raise MotionRefused(f"it would last {lasts_s:g} s, {LONGEST_S:g} s at most", file=file, mend=mend)
     _check_steps(path, limits, file)
     _check_acceleration(path, limits, file)
 

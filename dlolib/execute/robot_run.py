@@ -70,12 +70,6 @@ def _learned_among(file: Path, config: RobotConfig) -> Surroundings:
         MotionRefused: the path was learned, and touches.
     """
     result, layout = file.with_name("result.json"), file.with_name(LEARNED_FOR)
-    if not layout.is_dir():
-        says = (
-            "what stands around is not known, and the straight way to the first pose is held against nothing"
-        )
-        say([f"{file}: no {LEARNED_FOR}/ beside it as `dlo learn` leaves it: {says}"])
-        return Surroundings()
     if read_result(result).get("free_of_contact") is False:
         raise MotionRefused(
             "no path with the clearance asked for was found: this one comes too near to an obstacle",
@@ -83,6 +77,12 @@ def _learned_among(file: Path, config: RobotConfig) -> Surroundings:
             place="free_of_contact",
             mend="learn it anew, with more iterations or another layout",
         )
+    if not layout.is_dir():
+        says = (
+            "what stands around is not known, and the straight way to the first pose is held against nothing"
+        )
+        say([f"{file}: no {LEARNED_FOR}/ beside it as `dlo learn` leaves it: {says}"])
+        return Surroundings()
     return Surroundings.of(read_layout(layout), config)
 
 

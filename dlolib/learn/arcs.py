@@ -15,12 +15,16 @@ from dlolib.types import Floats
 # and 1.5 rad a step would be no arc.
 TABLE_I_BOUNDS = (0.008, 1.5, 0.5, 0.05, 0.05)
 PARAMETERS = len(TABLE_I_BOUNDS)
-ALONG_X, UP = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+UP = np.array([0.0, 0.0, 1.0])
 
 
 def centre(parameters: Floats, a_m: Floats, b_m: Floats) -> Floats:
-    """Centres C [m], shape (..., 3), of arcs with parameters (φ, s, θ, Δx, Δz), (..., 5): (13) to (15)."""
-    moves = np.stack([np.zeros(3), b_m - a_m, np.zeros(3), ALONG_X, UP])
+    """Centres C [m], shape (..., 3), of arcs with parameters (φ, s, θ, Δx, Δz), (..., 5): (13) to (15).
+
+    The paper's ropes lie in x-z; Δx here is along that of the horizontal axes on which B is further from A.
+    """
+    along_x = np.eye(3)[np.argmax(np.abs((b_m - a_m)[:2]))]
+    moves = np.stack([np.zeros(3), b_m - a_m, np.zeros(3), along_x, UP])
     middle: Floats = anp.dot(parameters, moves) + a_m
     return middle
 

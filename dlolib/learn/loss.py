@@ -83,21 +83,25 @@ def _contact(
     cylinder of the gap from within back out of the gap. So here it is |x - x*| for a particle that comes
     to its goal from the obstacle's side, and only while the last shape leans on an obstacle so. Every other
     contact costs its depth in the contact zone, which pushes the particle off.
+
+    The paper's ropes lie in x-z; x here is that of the horizontal axes along which the goal extends more.
     """
-    centre_x = np.array([_centre_x(obstacle) for obstacle in obstacles])[found.obstacle]
+    x = int(np.argmax(np.ptp(goal_m[:, :2], axis=0)))
+    y = 1 - x
+    centre = np.array([_centre(obstacle, x) for obstacle in obstacles])[found.obstacle]
     off_goal = positions_m - goal_m
-    behind = off_goal[..., 0] * (centre_x - goal_m[:, 0]) > 0
+    behind = off_goal[..., x] * (centre - goal_m[:, x]) > 0
     behind = behind & bool(np.any(behind[-1] & (depth_m[-1] > 0)))
-    nothing = np.zeros_like(depth_m)
-    slide = np.stack([np.sign(off_goal[..., 0]), nothing, nothing], axis=-1)
-    aside = np.stack([np.sign(off_goal[..., 0]), np.sign(off_goal[..., 1]), nothing], axis=-1)
-    wrong = np.where(behind, np.abs(off_goal[..., 0]), depth_m)
+    slide, aside = np.zeros_like(off_goal), np.zeros_like(off_goal)
+    slide[..., x] = np.sign(off_goal[..., x])
+    aside[..., :2] = np.sign(off_goal[..., :2])
+    wrong = np.where(behind, np.abs(off_goal[..., x]), depth_m)
     slope = np.where(behind[..., None], slide, -found.normal)
-    wrong = np.where(found.section, np.abs(off_goal[..., 0]) + np.abs(off_goal[..., 1]), wrong)
+    wrong = np.where(found.section, np.abs(off_goal[..., x]) + np.abs(off_goal[..., y]), wrong)
     slope = np.where(found.section[..., None], aside, slope)
     return ContactTerms(wrong, slope, behind | found.section)
 
 
-def _centre_x(obstacle: Obstacle) -> float:
-    """x of the centre of the cross-section [m]; NaN for a plane, which has none (nothing is between)."""
-    return obstacle.values["center_m"][0] if "center_m" in obstacle.values else float("nan")
+def _centre(obstacle: Obstacle, axis: int) -> float:
+    """A coordinate of the cross-section's centre [m]; NaN for a plane: it has none, nothing is between."""
+    return obstacle.values["center_m"][axis] if "center_m" in obstacle.values else float("nan")

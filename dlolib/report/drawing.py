@@ -16,7 +16,7 @@ from dlolib.types import Floats, Obstacle
 
 Values = Mapping[str, Floats]
 
-VIEWS = {"x-z": (0, 2), "x-y": (0, 1), "y-z": (1, 2)}
+VIEWS = {"x-z": (0, 2), "x-y": (0, 1), "y-z": (1, 2), "y-x": (1, 0)}
 """Which coordinates go to the right and up; the first two views are those of the paper's Fig. 10."""
 CIRCLE = np.linspace(0.0, 2 * np.pi, 73)
 

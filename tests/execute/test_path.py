@@ -107,6 +107,7 @@ REFUSED = {
     "signs flip": (flipping(), "row 20 .*the long way, by 6.28 rad.; give .* one sign"),
     "out of reach": (with_row(7, 0.9), "row 8 .t_s = 0.14.: the tool at .0.900"),
     "one jump": (with_row(20, 0.47), "row 21"),
+    "the clock jumps": (replace(arc(), t_s=np.r_[arc().t_s[:-1], 1.7e9]), "would last 1.7e.09 s, 3600 s"),
     "time stands still": (replace(arc(), t_s=np.r_[arc().t_s[:-1], arc().t_s[-2]]), "does not rise"),
 }
 

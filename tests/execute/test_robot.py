@@ -251,9 +251,13 @@ def test_the_way_to_the_first_pose_is_held_against_the_obstacles_learned_among(
     assert execute_on_robot(trajectory, robot.host, RobotConfig(), tmp_path / "out").completed
 
 
-def test_what_was_learned_and_touches_is_refused(robots: Start, tmp_path: Path) -> None:
+@pytest.mark.parametrize("beside", [True, False])
+def test_what_was_learned_and_touches_is_refused(robots: Start, tmp_path: Path, beside: bool) -> None:
+    """Whether or not its layout is beside it."""
     robot = robots()
     trajectory = learned(tmp_path / "bench", False, (0.43, 0.1, 0.3))
+    if not beside:
+        (tmp_path / "bench" / LEARNED_FOR).rename(tmp_path / "elsewhere")
     with pytest.raises(MotionRefused, match="comes too near to an obstacle"):
         execute_on_robot(trajectory, robot.host, RobotConfig(), tmp_path / "out")
     assert not robot.commands()

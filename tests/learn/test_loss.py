@@ -1,5 +1,7 @@
 """The loss (19), (20): what counts as contact, which way it draws, and its derivative."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -44,6 +46,18 @@ def test_with_the_obstacle_in_the_way_contact_draws_towards_the_goal() -> None:
     pull = at(place)[1] - at(place, "mse")[1]
     assert pull[1, 1, 0] > 0
     assert pull[1, 1, 1:] == pytest.approx([0, 0])
+
+
+def test_a_layout_that_is_turned_about_the_upright_has_the_same_loss() -> None:
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    goal = np.array([[-0.2, 0.0, 0.0], [-0.1, 0.0, 0.1]])
+    positions = np.array([[FAR, FAR], [FAR, beside(-0.5, 0.001)]])
+    turned = replace(CYLINDER, values={**CYLINDER.values, "axis": tuple(turn @ (0.0, 1.0, 0.0))})
+    one = path_loss(positions, goal, [CYLINDER], RADIUS_M, SETTINGS)
+    other = path_loss(positions @ turn.T, goal @ turn.T, [turned], RADIUS_M, SETTINGS)
+    assert np.linalg.norm(one.d_positions[1, 1]) > 0
+    assert other.value == pytest.approx(one.value)
+    assert other.d_positions == pytest.approx(one.d_positions @ turn.T)
 
 
 def test_on_the_goals_side_contact_pushes_off() -> None:

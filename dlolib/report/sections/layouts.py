@@ -92,7 +92,9 @@ def _views(drawn: list[Learned], figures: Path) -> Figure:
     rows = -(-len(drawn) // columns)
     low = np.min([each.reach_m[0] for each in drawn], axis=0) - 0.02
     high = np.max([each.reach_m[1] for each in drawn], axis=0) + 0.02
-    wide, deep, tall = high - low
+    front, above = _sides(drawn)
+    (across, up), back = VIEWS[front], VIEWS[above][1]
+    wide, deep, tall = (high - low)[[across, back, up]]
     scale = (WIDTH_MM / columns - 17.0) / wide
     figure = canvas(rows * (scale * (tall + deep) + 17.0) + 8.0)
     panels = figure.subplots(2 * rows, columns, squeeze=False, sharex=True, height_ratios=[tall, deep] * rows)
@@ -100,25 +102,31 @@ def _views(drawn: list[Learned], figures: Path) -> Figure:
         axes.set_axis_off()
     for index, each in enumerate(drawn):
         row, column = divmod(index, columns)
-        for axes, view in ((panels[2 * row, column], "x-z"), (panels[2 * row + 1, column], "x-y")):
+        for axes, view in ((panels[2 * row, column], front), (panels[2 * row + 1, column], above)):
             axes.set_axis_on()
-            up = VIEWS[view][1]
+            other = VIEWS[view][1]
             _draw(axes, view, each)
-            axes.set(xlim=(low[0], high[0]), ylim=(low[up], high[up]), aspect="equal")
+            axes.set(xlim=(low[across], high[across]), ylim=(low[other], high[other]), aspect="equal")
             axes.set_ylabel(f"{view[-1]} [mm]" if column == 0 else "")
             thousandths(axes)
         panels[2 * row, column].set_title(label(each.name))
     for axes in panels[-1]:
-        axes.set_xlabel("x [mm]")
+        axes.set_xlabel(f"{front[0]} [mm]")
     _legend(figure)
     return Figure(
         save(figure, figures, "layouts"),
-        "The layouts, each from the front (x-z) and from above (x-y), ropes at their true thickness. See "
-        "whether the reached shape (blue) lies on the goal (magenta rings), and whether any of the "
-        "shapes on the way (pale blue, every thirtieth step) comes near an obstacle; the green line "
-        "is the gripper's path from A to B.",
+        f"The layouts, each from the front ({front}) and from above ({above}), ropes at their true "
+        "thickness. See whether the reached shape (blue) lies on the goal (magenta rings), and whether "
+        "any of the shapes on the way (pale blue, every thirtieth step) comes near an obstacle; the green "
+        "line is the gripper's path from A to B.",
         "Learned motions in each layout in two views",
     )
+
+
+def _sides(drawn: list[Learned]) -> tuple[str, str]:
+    """The views from the front and from above, whose first axis is the one along which the goals extend."""
+    goals_m = np.vstack([each.layout.goal_m for each in drawn])
+    return ("x-z", "x-y") if np.ptp(goals_m[:, 0]) >= np.ptp(goals_m[:, 1]) else ("y-z", "y-x")
 
 
 def _draw(axes: Axes, view: str, each: Learned) -> None:
@@ -135,7 +143,7 @@ def _draw(axes: Axes, view: str, each: Learned) -> None:
     goal = layout.goal_m[:: max(1, len(layout.goal_m) // 24)][:, VIEWS[view]]
     axes.plot(*goal.T, "o", color=GOAL, markersize=3.2, markerfacecolor="none", markeredgewidth=0.7, zorder=6)
     draw_clamp(axes, layout.start.position_m, view)
-    if view == "x-z":
+    if view.endswith("z"):
         mark(axes, layout.grasp.position_m, view, "A", (3, -10))
         mark(axes, layout.goal_m[-1], view, "B", (4, 5))
 
