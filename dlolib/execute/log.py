@@ -160,7 +160,8 @@ def evaluate(log: RobotLog, path: Motion) -> ExecutionResult:
     """Compare a log with the path in the base frame that it should have followed.
 
     Without a result.json a log that lasts as long as the path is taken to be of a completed run. Of a run of
-    which nobody says when the path began that start is taken which fits best.
+    which nobody says when the path began that start is taken which fits best; of one that was broken off many
+    do, and nothing is compared.
     """
     said = log.result
     start = said.get("streamed_from_s")
@@ -168,7 +169,7 @@ def evaluate(log: RobotLog, path: Motion) -> ExecutionResult:
     if "completed" not in said and log.lasts_s < path.t_s[-1] - path.t_s[0] - BROKEN_OFF_S:
         completed, reason = False, "recorded elsewhere, and the log is shorter than the path"
     # formats.md has no such key: another's result.json says nothing of it, and null that nothing was streamed
-    streamed = start is not None or (said.get("completed", True) and "streamed_from_s" not in said)
+    streamed = start is not None or (completed and "streamed_from_s" not in said)
     if not streamed or len(log.t_s) < 2:
         return ExecutionResult(completed, reason, len(log.t_s), None)
     began = best_start(log, path) if start is None else float(start)

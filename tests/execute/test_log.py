@@ -76,6 +76,7 @@ def test_a_log_that_breaks_off_is_of_no_completed_run() -> None:
     for until in (0, 5, 300):
         result = evaluate(replace(followed(until=until), result={}), arc())
         assert not result.completed and "shorter than the path" in result.reason
+        assert result.tracking_error_m is None  # of a part of the path no start is known
     assert evaluate(replace(followed(), result={}), arc()).completed
 
 
