@@ -106,7 +106,9 @@ def _views(drawn: list[Learned], figures: Path) -> Figure:
             axes.set_axis_on()
             other = VIEWS[view][1]
             _draw(axes, view, each)
-            axes.set(xlim=(low[across], high[across]), ylim=(low[other], high[other]), aspect="equal")
+            # who looks along -x at y-z and from above has x towards himself
+            ends = (high[other], low[other]) if view == "y-x" else (low[other], high[other])
+            axes.set(xlim=(low[across], high[across]), ylim=ends, aspect="equal")
             axes.set_ylabel(f"{view[-1]} [mm]" if column == 0 else "")
             thousandths(axes)
         panels[2 * row, column].set_title(label(each.name))
