@@ -231,9 +231,9 @@ def _versions(proof: Mapping[str, Any]) -> Table:
     )
     columns = (
         Column("Last shard", align="left"),
-        Column("Shards, recordings"),
-        *(Column(title) for title in VERSIONS.values()),
-        Column("EI"),
+        Column("Shards, recordings", "count"),
+        *(Column(title, "count") for title in VERSIONS.values()),
+        Column("EI", "share"),
     )
     caption = (
         "Every version of what diagnoses, with its own shards; the last one's are those that count above. "
