@@ -87,8 +87,9 @@ def _alike(one: Any, other: Any) -> bool:
 
 
 def _but(row: dict[str, Any], *more: str) -> dict[str, Any]:
-    """A row without its verdict's hash and some more of it."""
-    return {key: value for key, value in row.items() if key not in (*more, "verdict_sha256")}
+    """A row without its verdict's hash, EI's deviation, which older rows lack, and some more of it."""
+    left_out = {*more, "verdict_sha256", "stiffness_deviation"}
+    return {key: value for key, value in row.items() if key not in left_out}
 
 
 if __name__ == "__main__":

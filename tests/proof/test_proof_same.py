@@ -41,7 +41,7 @@ def test_a_verdict_that_says_something_else_beside_what_is_judged_is_the_same(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     row = scored_shard(command)
-    changed(row, "001", verdict_sha256="0" * 64)
+    changed(row, "001", verdict_sha256="0" * 64, stiffness_deviation=0.5)
     monkeypatch.setattr(book, "version", lambda: "later")
     proof_same.main(row["shard"], "--command", command)
     (found,) = book.compared(proof.BOOK)
