@@ -187,7 +187,7 @@ def _longer(study: Study, more: Motion, frames: int) -> Study:
     recording = _continued(seen.recording, more, frames)
     whitener = Whitener(grid_of(recording, np.ones(frames * POINTS, dtype=bool)), seen.whitener.noise)
     if isinstance(seen.model, RecordingModel):
-        model = replace(seen.model, recording=recording)  # it begins as it did
+        model = replace(seen.model, recording=recording, sought=())  # it begins as it did
     else:
         model = RecordingModel(recording, seen.model.particles, None)  # from pose to pose in a straight line
     own = {Unknown(name, number): prior for name, prior in PRIORS.items() if held(recording, name)}

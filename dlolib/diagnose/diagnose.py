@@ -10,6 +10,7 @@ import numpy as np
 
 from dlolib.diagnose.alternatives import alternatives
 from dlolib.diagnose.ask import next_motion
+from dlolib.diagnose.branches import on_the_side_seen
 from dlolib.diagnose.decide import contenders, decide
 from dlolib.diagnose.detect import asked, detectable, sized
 from dlolib.diagnose.fitting import Fitted
@@ -62,12 +63,16 @@ def diagnose(recordings: Sequence[Recording], settings: DiagnoseSettings) -> Dia
     with Workers(settings.workers) as run:
         study, told = _study(recordings, known, run, settings)
         searched = search(study, settings, run)
+        sided, fits = on_the_side_seen(study, searched, settings, run)
+        if sided is not study:
+            study = sided
+            searched = search(study, settings, run, fits)
         best = _best(searched)
         finer = fine_enough(study, best, settings, partial(once_more, best))
         if finer is not study:
             study = finer
             run.begin(study)
-            searched = search(study, settings, run)
+            searched = search(study, settings, run, fits)
         if not all(known):
             told = _told_by(study, _best(searched), known)
             study = _with_noise(study, told)

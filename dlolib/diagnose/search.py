@@ -61,8 +61,9 @@ class Searched:
     models: tuple[Fitted, ...]
 
 
-def search(study: Study, settings: DiagnoseSettings, run: Workers) -> Searched:
-    """Fit the baseline, every effect alone, and the pairs that promise something, or all of them.
+def search(study: Study, settings: DiagnoseSettings, run: Workers, known: Sequence[Fitted] = ()) -> Searched:
+    """Fit the baseline, every effect alone, and the pairs that promise something, or all of them; and what is
+    known to fit well, with its parts.
 
     A second effect is sought where the elastic rod may leave more than noise, further ones only where the
     best model does not explain what is seen.
@@ -71,6 +72,11 @@ def search(study: Study, settings: DiagnoseSettings, run: Workers) -> Searched:
     singles = _singles(study, elastic, settings, run)
     elastic = _nothing_else(study, elastic, singles, run)
     models = {one.effects: one for one in singles}
+    if known:
+        for one in run(refit, [task_from(one) for one in known], "known models"):
+            if one is not None:
+                _keep(study, models, one)
+        backed(study, models, 2, run)
     tried: set[Effects] = set()
     # one pose cannot tell two effects apart
     together = models and study.poses >= FEWEST_POSES

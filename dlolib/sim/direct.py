@@ -45,6 +45,7 @@ def roll_out(
     moving: ti.i32,
     momentum: ti.f64,
     fresh: ti.i32,
+    placed: ti.i32,
     symmetric: ti.i32,
     tolerance: ti.f64,
     most: ti.i32,
@@ -63,7 +64,8 @@ def roll_out(
 ):
     """Steps 1 ... T of every rope, from the state at index 0; arrays as in `Scene` and `Rollout`.
 
-    `plain` ropes (see `assemble`) have a kernel of their own.
+    `plain` ropes (see `assemble`) have a kernel of their own. `placed`: the first step's iteration begins
+    where index 1 stands already.
     """
     for lane in range(x.shape[0] * APART):
         if lane % APART != 0:
@@ -74,14 +76,16 @@ def roll_out(
             if fresh == 1:
                 for i in range(x.shape[2]):
                     begin(joints, past, b, b, t - 1, i, 0)
-            predict(b, t, x, q, first, end_x, end_q, grips, clamped)
+            foretold = placed == 0 or t > 1
+            if foretold:
+                predict(b, t, x, q, first, end_x, end_q, grips, clamped)
             if ti.static(not plain):
                 if obstacles.shape[1] > 0 and fresh == 1:
                     # a rope on its way to a first shape may come to lie on something
                     lead(b, t, 0.0, 1.0, x, q, end_x, end_q, grips, clamped)
             pieces, found, whole = 1, CONVERGED, steps[b, t, 0]
             if ti.static(not plain):
-                if obstacles.shape[1] > 0 and fresh == 0:
+                if obstacles.shape[1] > 0 and fresh == 0 and foretold:
                     pieces = pieces_of(
                         b, t, x, q, end_x, end_q, steps, segments, contacts, obstacles, grips, clamped
                     )  # fmt: skip

@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TypeGuard
 
 import numpy as np
 
@@ -194,9 +195,14 @@ def _poses(recording: Recording) -> bool:
     return bool(np.median(np.diff(motion.t_s)) > falls_s)
 
 
+def follows(model: Model) -> TypeGuard[RecordingModel]:
+    """Whether the rope follows its ends from frame to frame."""
+    return isinstance(model, RecordingModel)
+
+
 def near(model: Model, rod: Rod) -> Model:
     """The same for rods much like this one: their first shapes are sought from its own.
 
     Settled poses each begin where they were seen.
     """
-    return replace(model, near=rod) if isinstance(model, RecordingModel) else model
+    return replace(model, near=rod) if follows(model) else model

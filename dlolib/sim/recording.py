@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from dlolib.errors import ParameterError, SimulationError
 from dlolib.formats import interpolate_motion
 from dlolib.sim import iterative
+from dlolib.sim.branches import roll_out_as_seen
 from dlolib.sim.differentiate import Case, Tangent, Variation, sensitivities, tangent_between
 from dlolib.sim.effects.base import Setup
 from dlolib.sim.observe import Sampling, point_weights, sampling_of, unseen, viewing_axis
@@ -52,6 +53,8 @@ class RecordingModel:
         first: where the rope was seen first, if the recording's own points begin later: one that nobody holds
             falls from there.
         share: of the steps' usual length, of the quasi-static clock of a rope that remembers.
+        sought: frames at which a quasi-static rope is sought near where it was seen, which may be on another
+            side than the one that it would go on to.
     """
 
     recording: Recording
@@ -61,6 +64,7 @@ class RecordingModel:
     near: Rod | None = None
     first: Points | None = None
     share: float = 1.0
+    sought: tuple[Points, ...] = ()
 
     def setup(self, rod: Rod) -> Setup:
         """The rod in the recording's surroundings.
@@ -266,7 +270,23 @@ class RecordingModel:
         path, state = self.path(made, self.times(made)), self._state(made, rest)
         if self.sweeps is not None:
             return iterative.roll_out(rest.scene, state, path, self._clock(made), self.sweeps)
+        if self.sought and not made.moving:
+            return roll_out_as_seen(rest.scene, state, path, self._sought(made, path))
         return roll_out(rest.scene, state, path, self._clock(made))
+
+    def _sought(self, made: Setup, path: Path) -> dict[int, State]:
+        """Near what the rope is sought, by the step."""
+        way = ("sought", *self._way(made, self.times(made)))
+        return self._kept.get(way, lambda: dict(self._seen_at(frame, made, path) for frame in self.sought))
+
+    def _seen_at(self, points: Points, made: Setup, path: Path) -> tuple[int, State]:
+        """The step at which a frame was seen, and the rope there."""
+        times = self.times(made)
+        step = min(int(np.searchsorted(times, points.t_s[0] - 1e-9)), len(times) - 1)
+        held = held_poses(path.x[0, step], path.q[0, step], self.recording.ends)
+        s_m = points.s_m * (made.length_m / self.recording.rope.length_m)
+        # near enough whatever the camera's pose: cameras do not move the rope
+        return step, shape_seen(s_m, points.xyz_m, made.length_m, self.particles, *held)
 
     def _state(self, made: Setup, rest: Rollout) -> State:
         """Where the motion begins, and how fast."""
@@ -277,9 +297,12 @@ class RecordingModel:
 
     def path(self, made: Setup, times: Floats) -> Path:
         """The held poses at these of the set-up's own times."""
+        return self._kept.get(self._way(made, times), lambda: self._path(made, times))
+
+    def _way(self, made: Setup, times: Floats) -> tuple[Hashable, ...]:
+        """All that tells apart how the ends are held at these times."""
         held = (made.delay_s, made.turns, made.rolls, made.slip, made.length_m)
-        way = (*held, made.moving, made.path_dependent, times.tobytes())
-        return self._kept.get(way, lambda: self._path(made, times))
+        return *held, made.moving, made.path_dependent, times.tobytes()
 
     def _path(self, made: Setup, times: Floats) -> Path:
         motion = self._logged(times - made.delay_s)
@@ -411,5 +434,13 @@ def held_poses(x: Floats, q: Floats, ends: Ends) -> tuple[Pose | None, Pose | No
 def first_points(recording: Recording) -> Points:
     """The points of the first frames: where the rope was when it was seen first, and how fast."""
     points = recording.points
-    first = np.isin(points.frame, np.unique(points.frame)[:FIRST])
-    return Points(points.frame[first], points.t_s[first], points.s_m[first], points.xyz_m[first])
+    return _some(points, np.isin(points.frame, np.unique(points.frame)[:FIRST]))
+
+
+def frame_of(points: Points, frame: int) -> Points:
+    """The points of one frame."""
+    return _some(points, points.frame == frame)
+
+
+def _some(points: Points, which: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]) -> Points:
+    return Points(points.frame[which], points.t_s[which], points.s_m[which], points.xyz_m[which])

@@ -76,6 +76,14 @@ class Path:
         assert x is not None and q is not None
         return Path(x, q, dt_s, span)
 
+    def between(self, begin: int, end: int) -> Path:
+        """The steps from one to before another."""
+        dt_s, span = self.dt_s, self.span
+        return Path(
+            self.x[:, begin:end], self.q[:, begin:end], None if dt_s is None else dt_s[:, begin:end],
+            None if span is None else span[:, begin : end + 1],
+        )  # fmt: skip
+
 
 @dataclass(frozen=True)
 class Clock:
@@ -143,6 +151,19 @@ def roll_out(scene: Scene, state: State, path: Path, clock: Clock) -> Rollout:
     return rollout
 
 
+def follow(scene: Scene, state: State, path: Path, clock: Clock, placed: State) -> Rollout:
+    """As `roll_out`, but the first step is sought near where the ropes are `placed`, and not where they would
+    go on to.
+
+    Raises:
+        SimulationError: a step could not be solved from there.
+    """
+    rollout, status = _launch(scene, state, path, clock, placed=placed)
+    refuse(status)
+    _refuse_torn(rollout)
+    return rollout
+
+
 def relax(scene: Scene, state: State, path: Path, fresh: bool = False) -> Rollout:
     """Equilibrium of B ropes at the path's first pose: damped motion in steps that grow while they can be
     solved, and the quasi-static step that ends it.
@@ -171,15 +192,18 @@ def relax(scene: Scene, state: State, path: Path, fresh: bool = False) -> Rollou
 
 
 def _launch(
-    scene: Scene, state: State, path: Path, clock: Clock, most_iterations: int | None = None
-) -> tuple[Rollout, np.ndarray]:
-    """The kernel's roll-out, and what became of every step (B, T)."""
+    scene: Scene, state: State, path: Path, clock: Clock, most_iterations: int | None = None,
+    placed: State | None = None,
+) -> tuple[Rollout, np.ndarray]:  # fmt: skip
+    """The kernel's roll-out, and what became of every step (B, T); `placed`: where the first one begins."""
     ropes, n = state.x.shape[:2]
     count = path.x.shape[1]
     x, q = np.empty((ropes, count + 1, n, 3)), np.empty((ropes, count + 1, n + 1, 4))
     past, slip = np.zeros((ropes, count + 1, n, HISTORY)), np.zeros((ropes, count + 1, scene.slips, 3))
     sliding = np.zeros((ropes, count + 1, scene.slips), np.int32)
     x[:, 0], q[:, 0] = state.x, state.q
+    if placed is not None:
+        x[:, 1], q[:, 1] = placed.x, placed.q
     if state.past is not None:
         past[:, 0] = state.past
     if state.slip is not None:
@@ -189,9 +213,9 @@ def _launch(
     direct.roll_out(
         _plain(scene), x, q, before, past, slip, sliding, np.ascontiguousarray(path.x),
         np.ascontiguousarray(path.q), steps_of(path, clock), *scene.arrays(), *clock.flags,
-        int(scene.symmetric), TOLERANCE, most, *(banded(slots, n) for slots in (ropes, ropes, 2 * ropes)),
-        columns(ropes, 2, n), np.zeros((ropes, 7, scene.slips)),
-        np.empty((ropes, n, 3)),
+        int(placed is not None), int(scene.symmetric), TOLERANCE, most,
+        *(banded(slots, n) for slots in (ropes, ropes, 2 * ropes)),
+        columns(ropes, 2, n), np.zeros((ropes, 7, scene.slips)), np.empty((ropes, n, 3)),
         *(np.empty((ropes, *shape)) for _ in range(2) for shape in ((n, 3), (n + 1, 4))), status, taken,
     )  # fmt: skip
     return Rollout(scene, clock, path, before, x, q, past, slip, sliding, taken), status
