@@ -16,7 +16,7 @@ import numpy as np
 from dlolib.diagnose.fitting import Fitted
 from dlolib.diagnose.search import NEAR, Searched
 from dlolib.diagnose.study import DiagnoseSettings, Seen, Study
-from dlolib.diagnose.tasks import Task, fit_first, terms_of
+from dlolib.diagnose.tasks import Task, fit_first, refit, task_from, terms_of
 from dlolib.diagnose.workers import Workers
 from dlolib.sim.poses import follows
 from dlolib.sim.recording import FEWEST, frame_of
@@ -55,8 +55,11 @@ def _gaining(study: Study, searched: Searched, settings: DiagnoseSettings, run: 
     """The best models on the side seen, if any is better there and as good as the best was."""
     models, frames = searched.models[:LOOKED_AT], study.frames
     best = min(one.bic(frames) for one in (searched.baseline, *models))
-    again = run(fit_first, [_begun(study, one, settings) for one in models], "on the side seen")
-    both = [(new, old) for new, old in zip(again, models, strict=True) if new is not None]
+    first = run(fit_first, [_begun(study, one, settings) for one in models], "on the side seen")
+    found = [(new, old) for new, old in zip(first, models, strict=True) if new is not None]
+    # on another side a rope has another mesh's error, worth as much as the side may be
+    again = run(refit, [task_from(new) for new, _ in found], "on the side seen, refined")
+    both = [(new, old) for new, (_, old) in zip(again, found, strict=True) if new is not None]
     gain = any(new.bic(frames) < min(old.bic(frames) - NEAR, best + settings.tie) for new, old in both)
     return [new for new, _ in both] if gain else []
 

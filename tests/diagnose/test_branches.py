@@ -73,6 +73,7 @@ def test_the_side_seen_is_taken_where_a_model_gains_by_it(
     study = study_of(seen_aside())
     models = (fitted(2010.0, left, ("rest_curvature",)), fitted(3000.0, left, (NAME,)))
     monkeypatch.setattr(branches, "_begun", lambda study, one, settings: one)
+    monkeypatch.setattr(branches, "task_from", lambda one: one)
     begun: list[Study] = []
 
     class Run:
