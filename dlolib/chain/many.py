@@ -21,9 +21,8 @@ from dlolib.types import CaptureIndex
 
 # Processes take seconds to start: fewer frames are done by this one in that time.
 MANY = 100
-# Frames at a time, one of which is looked at twice; how many such stretches each other process has, one of
-# them waiting; and how many more than there are cores are begun before the first is done.
-STRETCH, EACH, AHEAD = 12, 2, 3
+# Frames at a time, one of which is looked at twice; and how many such stretches wait, for each process.
+STRETCH, AHEAD = 24, 1
 # Each process has a core: threads of its own would take another's.
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
@@ -55,8 +54,8 @@ class Found:
 
 @dataclass(frozen=True)
 class Waiting:
-    """A stretch whose chains are guessed, mostly by another process, as if `before` were the last that counts
-    before the first of so many frames that are looked at again, and then the stretch."""
+    """A stretch whose chains another process guesses, as if `before` were the last that counts before the
+    first of so many frames that are looked at again, and then the stretch."""
 
     stretch: Stretch
     before: FrameChain | None
@@ -76,28 +75,18 @@ def chains_of(frames: Iterable[Frame], index: CaptureIndex, settings: ChainSetti
         for frame in frames:
             found.see(frame, index, settings)
         return found
-    # This process takes its share, at once: others have to start first. One of loky's does not run the
-    # program's own file again, as others would.
-    with ProcessPoolExecutor(cores - 1, initializer=cv2.setNumThreads, initargs=(1,), env=ONE_THREAD) as pool:
+    # A process of loky's does not run the program's own file again, as others would.
+    with ProcessPoolExecutor(cores, initializer=cv2.setNumThreads, initargs=(1,), env=ONE_THREAD) as pool:
         waiting: deque[Waiting] = deque()
         last: Stretch = []
         for stretch in _stretches(frames):
-            job = [*last, *stretch], found.last, index, settings
-            busy = sum(not one.guesses.done() for one in waiting)
-            guesses = pool.submit(_guessed, *job) if busy < EACH * (cores - 1) else _done(_guessed(*job))
+            guesses = pool.submit(_guessed, [*last, *stretch], found.last, index, settings)
             waiting.append(Waiting(stretch, found.last, len(last), guesses))
             last = stretch[-1:]
-            while waiting and (waiting[0].guesses.done() or len(waiting) > cores + AHEAD):
+            if len(waiting) > AHEAD * cores:
                 _settle(waiting.popleft(), found, index, settings)
         while waiting:
             _settle(waiting.popleft(), found, index, settings)
-    return found
-
-
-def _done(guesses: Guesses) -> Future[Guesses]:
-    """As if another process had made them."""
-    found: Future[Guesses] = Future()
-    found.set_result(guesses)
     return found
 
 
