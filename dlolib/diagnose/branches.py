@@ -88,4 +88,18 @@ def _sought(one: Seen, frames: Ints) -> tuple[Points, ...]:
     return tuple(frame for frame in seen if len(frame.s_m) >= FEWEST)
 
 
-__all__ = ["on_the_side_seen"]
+def told_sides(study: Study) -> list[str]:
+    """In which frames of which recordings the rope was sought where it was seen, as sentences."""
+    several, found = len(study.seen) > 1, []
+    for one in study.seen:
+        frames = [int(points.frame[0]) for points in getattr(one.model, "sought", ())]
+        if frames:
+            of = f" of {one.recording.name}" if several else ""
+            which = ", ".join(map(str, frames))
+            found.append(
+                f"The rope may buckle to either side: in frames {which}{of} it was sought where it was seen."
+            )
+    return found
+
+
+__all__ = ["on_the_side_seen", "told_sides"]

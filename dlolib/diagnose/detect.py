@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -13,7 +13,9 @@ from scipy import optimize, stats
 
 from dlolib.diagnose.fitting import Fitted, Hypothesis, fit
 from dlolib.diagnose.study import Study, held_somewhere
+from dlolib.diagnose.tasks import coordinates
 from dlolib.errors import DloError
+from dlolib.identify.parameters import Unknown
 from dlolib.identify.problem import axes
 from dlolib.sim.effects import EFFECTS, parameter
 from dlolib.sim.effects.base import Parameter, forms, sizes
@@ -25,6 +27,8 @@ POWER = 0.95
 CLOSE, DECADES, ABSURD = 0.02, 8.0, 3.0
 # Of what the baseline takes up more than this share, it takes more or less than a linear step tells.
 MOSTLY = 0.9
+# A stiffness whose logarithm deviates by more is next to unknown.
+UNKNOWN = 1.0
 # Logarithm of next to nothing of the gain that is needed.
 NOTHING = np.log(0.1)
 # Logarithm of a gain that is far from the one needed; its growth with a decade where it goes with the square.
@@ -84,8 +88,21 @@ class Sized:
 
 def sized(study: Study, base: Fitted, chance: float) -> Sized:
     """The baseline simulated once for all sizes."""
+    base = _usual(study, base)
     clean = tuple(one.model.predict(study.rod(k, base.values(k))).xyz_m for k, one in enumerate(study.seen))
     return Sized(base, clean, _basis(study, base), chance)
+
+
+def _usual(study: Study, base: Fitted) -> Fitted:
+    """With a usual GJ where the recordings tell next to nothing of it and it ran off: a rope limp or rigid in
+    twist for no reason would decide what is seen."""
+    gj = Unknown("torsional_stiffness")
+    if gj not in base.unknowns:
+        return base
+    n = base.unknowns.index(gj)
+    if base.covariance[n, n] < UNKNOWN**2:
+        return base
+    return replace(base, theta=coordinates(base.unknowns, {**base.point, **study.usual(base.point)[0]}))
 
 
 def detectable(study: Study, job: tuple[Sized, Size]) -> Detectable:

@@ -11,7 +11,16 @@ import numpy as np
 
 from dlolib.diagnose.fitting import Fitted, hypothesis
 from dlolib.diagnose.residuals import amiss, explains
-from dlolib.diagnose.study import DiagnoseSettings, Point, Study, abrupt, library, placed, stiffens
+from dlolib.diagnose.study import (
+    DiagnoseSettings,
+    Point,
+    Study,
+    abrupt,
+    forms_of,
+    library,
+    placed,
+    stiffens,
+)
 from dlolib.diagnose.tasks import (
     AHEAD,
     Task,
@@ -33,8 +42,8 @@ from dlolib.errors import SimulationError
 from dlolib.identify.identify import FIRST_STIFFNESS_M4_S2
 from dlolib.identify.intervals import FEWEST_POSES
 from dlolib.identify.parameters import Unknown
-from dlolib.sim.effects import EFFECTS, LAWS
-from dlolib.sim.effects.base import forms, sizes
+from dlolib.sim.effects import LAWS
+from dlolib.sim.effects.base import sizes
 from dlolib.sim.rod import STIFFNESSES
 from dlolib.sim.upright import ROLLS
 from dlolib.types import Floats
@@ -327,7 +336,7 @@ def _pruned(study: Study, models: Models, run: Workers) -> None:
         if one.bic(study.frames) > best + NEAR_PRUNED:
             continue
         terms = terms_of(one)
-        choices = [[f for f in forms(EFFECTS[name]) if set(f) <= set(terms[name])] for name in terms]
+        choices = [[f for f in forms_of(study, name) if set(f) <= set(terms[name])] for name in terms]
         for chosen in itertools.product(*choices):
             fewer = dict(zip(terms, chosen, strict=True))
             if fewer != terms:

@@ -246,14 +246,14 @@ class Study:
         stiff = self.rigid(point) or stiffens(effect)
         eis = [share * self._weight for share in BENT_BY_WEIGHT if stiff]
         eis = [ei for ei in eis if ei < point[Unknown("bending_stiffness")]]
-        found = [*self._usual(point), *({Unknown(name): ei for name in self.stiffnesses} for ei in eis)]
+        found = [*self.usual(point), *({Unknown(name): ei for name in self.stiffnesses} for ei in eis)]
         if not self.rolls or not has_sides(effect):
             return found
         roll = Unknown(ROLL)
         turned = [float(np.angle(np.exp(1j * (point[roll] + turn)))) for turn in ROLLS]
         return [{**one, roll: angle} for one in found for angle in turned]
 
-    def _usual(self, point: Point) -> list[dict[Unknown, float]]:
+    def usual(self, point: Point) -> list[dict[Unknown, float]]:
         """The GJ to begin with where a point's ran off."""
         ei, gj = Unknown("bending_stiffness"), Unknown("torsional_stiffness")
         if gj not in point:
@@ -388,7 +388,7 @@ def library(
     contact = any(one.recording.obstacles for one in study.seen)
     unknown = any(study.begins_unseen(k) for k in range(len(study.seen))) and not study.histories
     found = []
-    for name, effect in EFFECTS.items():
+    for name in EFFECTS:
         if name in (*without, *beside) or (name == "contact_friction" and not contact):
             continue
         if name == "end_twist" and study.rolls:
@@ -396,11 +396,20 @@ def library(
         if name == "prior_history" and not (unknown and remembers(beside)):
             continue
         found += [
-            (name, form)
-            for form in forms(effect)
-            if (len(form) <= MOST_OF_ONE_POSE or not still) and held_somewhere(study, name, form)
+            (name, form) for form in forms_of(study, name) if len(form) <= MOST_OF_ONE_POSE or not still
         ]
     return found
+
+
+def forms_of(study: Study, effect: str) -> list[tuple[str, ...]]:
+    """The forms of an effect that have a use for these recordings."""
+    suits = getattr(EFFECTS[effect], "suits", lambda form, recordings: True)
+    recordings = [one.recording for one in study.seen]
+    return [
+        form
+        for form in forms(EFFECTS[effect])
+        if held_somewhere(study, effect, form) and suits(form, recordings)
+    ]
 
 
 def held_somewhere(study: Study, effect: str, form: Sequence[str]) -> bool:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlolib.diagnose.ask import Asked
+from dlolib.diagnose.branches import told_sides
 from dlolib.diagnose.decide import Decision, probabilities, wrong_same_size
 from dlolib.diagnose.estimates import Alternatives, estimates
 from dlolib.diagnose.fitting import Fitted
@@ -72,7 +73,7 @@ def verdict_of(found: Found) -> Verdict:
     asked = None if found.asked is None else found.asked.says
     words = summary(decision, effects, where, base, best, asked, len(study.seen) > 1)
     return Verdict(
-        summary=" ".join([words, *mounted_otherwise(kept.point, recordings)]),
+        summary=" ".join([words, *mounted_otherwise(kept.point, recordings), *told_sides(study)]),
         recordings=recordings,
         status=decision.status,
         noise=SeenNoise(noise.sigma_m, noise.correlation_points, noise.correlation_frames, source),

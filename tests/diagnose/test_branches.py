@@ -11,7 +11,7 @@ from sim.bar import over_the_bar
 from sim.buckling import FLAT, FRAMES, seen_aside
 
 from dlolib.diagnose import DiagnoseSettings, branches
-from dlolib.diagnose.branches import on_the_side_seen
+from dlolib.diagnose.branches import on_the_side_seen, told_sides
 from dlolib.diagnose.diagnose import raw_study
 from dlolib.diagnose.fitting import Fitted
 from dlolib.diagnose.search import Searched, baseline
@@ -48,6 +48,8 @@ def test_a_flat_rope_is_found_on_the_side_to_which_it_went() -> None:
     assert ratio == pytest.approx(FLAT.effects[f"{NAME}.stiffness_ratio"], rel=0.02)
     sought = sided.seen[0].model.sought
     assert 5 < len(sought) <= FRAMES / 3 and sided.ahead[0].model.sought == sought
+    (told,), numbers = told_sides(sided), [int(points.frame[0]) for points in sought]
+    assert f"in frames {', '.join(map(str, numbers))} it was sought" in told and not told_sides(study)
 
 
 def fitted(chi2: float, left: Sequence[float], effects: tuple[str, ...] = ()) -> Fitted:

@@ -146,6 +146,32 @@ def test_softer_ropes_are_tried_beside_what_is_taken_for_stiffness(study):
     assert study.beginnings(soft, "inertia_drag") == [{}]
 
 
+def test_a_load_along_gravity_is_sought_where_it_is_more_than_another_stiffness(study):
+    """Twice as stiff and pulled at twice as much a rope in balance looks the same: fitted with all three
+    parts of a load, EI came out 60 % off."""
+
+    def told(*changes: dict[str, object]) -> list[tuple[str, ...]]:
+        some = [
+            replace(study.seen[0], model=replace(study.seen[0].model, recording=replace(recording, **change)))
+            for change in changes
+        ]
+        return [
+            form for name, form in library(replace(study, seen=tuple(some)), ()) if name == "lateral_load"
+        ]
+
+    recording, every = study.seen[0].recording, ("x", "y", "z")
+    rope, held = recording.rope, Ends("clamped", "free")
+    assert told({}) == [("x", "y")]
+    assert told({"gravity_m_s2": np.array([0.1, -9.8, 1.0])}) == [("x", "z")]
+    assert told({"quasi_static": False}) == [("x", "y"), every]
+    loaded = replace(rope, tip_mass_kg=0.01)
+    assert told({"rope": loaded}) == [("x", "y")]
+    assert told({"rope": loaded, "ends": held}) == [("x", "y"), every]
+    assert told({"ends": held}) == [("x", "y")]
+    # pulled at in two directions, one rope tells the load's part along either
+    assert told({}, {"gravity_m_s2": np.array([0.0, -9.81, 0.0])}) == [("x", "y"), every]
+
+
 def test_what_a_rope_is_too_stiff_for_want_of_is_fitted_from_every_stiffness(study):
     """Linear steps from a soft rope promise nothing although a fit from there wins: none outranks another."""
     stiff = SimpleNamespace(point=dict.fromkeys(map(Unknown, study.stiffnesses), 200 * EI), offsets_m=())

@@ -76,7 +76,8 @@ class Effect(Protocol):
     last digit; `ABRUPT`: it sets in past a threshold, and no linear step foretells what it would gain;
     `RELAXES`: which of its two coefficients is the time in which its moment fades at rest; `FORGETS`: it has
     no history, its moment is that of the curvature now; `ROUND`: it has a potential where all joints are as
-    stiff about one axis as about the other.
+    stiff about one axis as about the other; `suits(form, recordings)`, whether a fit of one of its `FORMS` to
+    these recordings has a use.
     """
 
     @property

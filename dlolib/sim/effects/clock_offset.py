@@ -11,7 +11,7 @@ NAME = "clock_offset"
 SAYS = "the camera's clock and the robot's disagree"
 OF_RECORDING = True
 PARAMETERS = (
-    Parameter("time", "s", "what the robot's log lags behind the images", 0.0, -5.0, 5.0, 0.02, (0.0,)),
+    Parameter("time", "s", "what the images lag behind the robot's log", 0.0, -5.0, 5.0, 0.02, (0.0,)),
 )
 
 
