@@ -127,13 +127,19 @@ def _tied(
 def imitated(model: Fitted, best: Fitted) -> float:
     """The share of what a model explains by which the best may explain more for its laws' forms alone.
 
-    That is so where the model has other ideal laws, and no more of them; and where it has an ideal law and
-    lacks what the best has beside it.
+    That is so where the model has an ideal law, and the best has others in its place or beside it; and where
+    it has one and lacks what else the best has. A model without any has no form that others might stand for.
     """
+    if not _has_law(model):
+        return 0.0
     differ = set(model.effects) ^ set(best.effects)
-    if model.effects and all(map(ideal, differ)) and len(model.effects) <= len(best.effects):
+    if all(map(ideal, differ)) and len(model.effects) <= len(best.effects):
         return IMITATED
-    return IDEALLY if set(model.effects) < set(best.effects) and any(map(ideal, model.effects)) else 0.0
+    return IDEALLY if set(model.effects) < set(best.effects) else 0.0
+
+
+def _has_law(model: Fitted) -> bool:
+    return any(map(ideal, model.effects))
 
 
 def _as_far(model: Fitted, best: Fitted, foretold: Mapping[Effects, Foretold], share: float) -> bool:
@@ -143,7 +149,7 @@ def _as_far(model: Fitted, best: Fitted, foretold: Mapping[Effects, Foretold], s
     form, which neither foretells.
     """
     further = set(best.effects) - set(model.effects)
-    if set(model.effects) < set(best.effects) and all(map(ideal, further)):
+    if _has_law(model) and set(model.effects) < set(best.effects) and all(map(ideal, further)):
         return True
     told, by_best, elastic = (foretold.get(effects) for effects in (model.effects, best.effects, ()))
     if told is None or by_best is None or elastic is None:
@@ -197,7 +203,7 @@ def _beyond_chance(model: Fitted, searched: Searched, settings: DiagnoseSettings
 def _beyond_form(model: Fitted, searched: Searched) -> bool:
     """Whether what stands beside an ideal law gains more than that law's form may be off."""
     base = searched.baseline
-    laws = [fewer for fewer in _fewer(model, searched) if any(map(ideal, fewer.effects))]
+    laws = [fewer for fewer in _fewer(model, searched) if _has_law(fewer)]
     return all(fewer.chi2 - model.chi2 >= OFF * (base.chi2 - fewer.chi2) for fewer in laws)
 
 

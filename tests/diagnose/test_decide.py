@@ -178,6 +178,14 @@ def test_an_ideal_law_ties_with_others_that_its_form_may_be_behind(behind, statu
     assert found.status == status and more not in found.tie
 
 
+def test_an_ideal_law_beside_what_is_none_stands_for_no_form():
+    """Plastic bending gained 125 in BIC beside a stiffness that differs between the axes, and was doubted."""
+    alone = left(("anisotropic_bending",), 130.0)
+    both = left(("anisotropic_bending", "plastic_bending"), 0.0, 4)
+    found = decided(alone, both)
+    assert (found.status, found.winner) == ("explained", both)
+
+
 @pytest.mark.parametrize(("change", "status"), [(-950.0, "ambiguous"), (-800.0, "explained")])
 def test_what_a_form_is_behind_it_is_behind_on_held_out_motion_too(change, status):
     plastic, friction = left(("plastic_bending",), 0.0), left(("internal_friction",), 300.0)
