@@ -202,7 +202,7 @@ def assemble(
                     joints, past, b, b, t - 1, i, kappa, before, dt, forced, False, past, 0
                 )
             energy += now_l * e
-            ga, gb, aa, ab, ba, bb = bend_twist(w, v, c, c1, c2, moment, tangent / now_l)
+            ga, gb, aa, ab, ba, bb = bend_twist(w, v, c, c1, c2, moment, tangent * (1.0 / now_l))
             gt += ga
             tt += aa
             t_t, t_t_low = ab, ba

@@ -21,9 +21,11 @@ window_type = ti.types.matrix(HALF, LANES, ti.f64)
 
 @ti.func
 def factor(
-    upper: ti.template(), lower: ti.template(), m: int, rows: int, symmetric: int, definite: int
-) -> int:
-    """A = L U in place: row r then holds 1 / U[r, r] and row r of U, `lower` column r of L.
+    upper: ti.template(), lower: ti.template(), m: int, factors: ti.template(), under: ti.template(),
+    rows: int, symmetric: int, definite: int,
+) -> int:  # fmt: skip
+    """A = L U: row r of `factors` then holds 1 / U[r, r] and row r of U, `under` column r of L; they may be
+    A's own arrays.
 
     Of a `symmetric` A only the upper part is read and written: there L[k, r] is U[r, k] / U[r, r]. With
     `definite` = 1 a pivot that is not positive breaks it down (an energy has no minimum there); with 0 only
@@ -31,14 +33,14 @@ def factor(
     """
     failed = 0
     if symmetric == 1:
-        failed = factor_symmetric(upper, m, rows, definite)
+        failed = factor_symmetric(upper, m, factors, rows, definite)
     else:
-        failed = factor_general(upper, lower, m, rows, definite)
+        failed = factor_general(upper, lower, m, factors, under, rows, definite)
     return failed
 
 
 @ti.func
-def factor_symmetric(upper: ti.template(), m: int, rows: int, definite: int) -> int:
+def factor_symmetric(upper: ti.template(), m: int, factors: ti.template(), rows: int, definite: int) -> int:
     """See `factor`. Three rows at once; what they change, a triangle of nine, stays in registers."""
     failed = 0
     window = triangle(0.0)
@@ -59,7 +61,7 @@ def factor_symmetric(upper: ti.template(), m: int, rows: int, definite: int) -> 
                 share = row[i - s] * inverse
                 for k in ti.static(range(HALF + 1 - i)):
                     window[PLACE[i] + k] -= share * window[PLACE[s] + i - s + k]
-            upper[m, r + s] = row
+            factors[m, r + s] = row
         for i in ti.static(range(HALF + 1)):
             # a row past the end is read once, and not used
             following = upper[m, ti.min(r + 3 + i, rows + HALF - 1)]
@@ -74,7 +76,10 @@ def factor_symmetric(upper: ti.template(), m: int, rows: int, definite: int) -> 
 
 
 @ti.func
-def factor_general(upper: ti.template(), lower: ti.template(), m: int, rows: int, definite: int) -> int:
+def factor_general(
+    upper: ti.template(), lower: ti.template(), m: int, factors: ti.template(), under: ti.template(),
+    rows: int, definite: int,
+) -> int:  # fmt: skip
     """See `factor`. As `factor_symmetric`, with a second triangle for what lies below the diagonal."""
     failed = 0
     above, below = triangle(0.0), triangle(0.0)
@@ -99,7 +104,7 @@ def factor_general(upper: ti.template(), lower: ti.template(), m: int, rows: int
                         above[PLACE[i] + k - i] -= column[i - s] * row[k - s]
                     else:
                         below[PLACE[k] + i - k] -= column[i - s] * row[k - s]
-            upper[m, r + s], lower[m, r + s] = row, column
+            factors[m, r + s], under[m, r + s] = row, column
         for i in ti.static(range(HALF + 1)):
             # a row past the end is read once, and not used
             following = ti.min(r + 3 + i, rows + HALF - 1)

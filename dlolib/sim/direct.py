@@ -51,7 +51,8 @@ def roll_out(
     most: ti.i32,
     upper: bands,
     lower: bands,
-    spare: bands,
+    factors: bands,
+    under: bands,
     y: scalars3,
     limits: scalars3,
     expected: vectors2,
@@ -105,8 +106,8 @@ def roll_out(
                 found, count, added = equilibrium(
                     b, t, x, q, first, past, slip, sliding, end_q, steps, joints, segments, particles,
                     contacts, obstacles, grips, clamped, moving, momentum, fresh, symmetric, tolerance, most,
-                    added, upper, lower, spare, y, limits, expected, begin_x, begin_q, base_x, base_q,
-                    plain,
+                    added, upper, lower, factors, under, y, limits, expected, begin_x, begin_q, base_x,
+                    base_q, plain,
                 )  # fmt: skip
                 iterations[b, t - 1] += count
                 if found != CONVERGED:

@@ -27,6 +27,12 @@ ROUNDING = 1e-7
 # history; a hundredth, so that differences of two roll-outs are good for derivatives. The second is for mixed
 # steps; what these do not end in so many they never do.
 QUADRATIC_1_M, QUADRATIC_MIXED_1_M, MOST_MIXED = 1e6, 1e4, 12
+# What Newton's method leaves goes with the square of its step. Two of them, the second no larger than this,
+# foretell the next, which is left out if it would be no more than so many times the tolerance.
+FORETOLD, FORETELLS = 1e-6, 1e-4
+# So many steps under Coulomb's law in full need not lessen the forces: where contacts come to stick or slide
+# these rise before they fall, and shorter steps creep up to the next such change for a hundred iterations.
+LEAPS = 6
 # Newton's step at which contacts with noted limits are near enough to note them anew.
 LAGGED_ENOUGH = 1e-4
 # The farthest that a shape on a saddle, found with a shift, is moved onto it.
@@ -48,37 +54,49 @@ def stiffen(upper: ti.template(), b: int, rows: int, by: float, scale_x: float, 
 
 @ti.func
 def factor_stiffer(
-    upper: ti.template(), lower: ti.template(), spare: ti.template(), b: int, rows: int, symmetric: int,
-    exact: bool, again: int, loose: float, damping: float, shift_before: float, least_shift: float,
-    enough: float, scale_x: float, scale_t: float,
+    upper: ti.template(), lower: ti.template(), factors: ti.template(), under: ti.template(), b: int,
+    rows: int, symmetric: int, exact: bool, again: int, loose: float, damping: float, shift_before: float,
+    least_shift: float, enough: float, scale_x: float, scale_t: float,
 ):  # fmt: skip
     """Factor the Hessian; where it is that of a rope about to buckle, with `again` the same ever stiffer.
 
-    enough: what was, before; a little less is tried at first. spare: room for two bands of each rope.
+    enough: what was, before; a little less is tried at first. factors, under: where they go.
 
     Returns:
         whether it is still indefinite; what was added to it; what of that because it was indefinite.
     """
     shift = shift_before
-    added = ti.max(loose, ti.max(shift, damping))
-    if again == 1:
-        for r in range(rows):
-            spare[2 * b, r] = upper[b, r]
-            if symmetric == 0:
-                spare[2 * b + 1, r] = lower[b, r]
+    added, had = ti.max(loose, ti.max(shift, damping)), 0.0
     indefinite, trying = True, True
     while trying:
-        stiffen(upper, b, rows, added, scale_x, scale_t)
-        indefinite = factor(upper, lower, b, rows, symmetric, 0 if exact else 1) > 0
+        stiffen(upper, b, rows, added - had, scale_x, scale_t)
+        had = added
+        indefinite = factor(upper, lower, b, factors, under, rows, symmetric, 0 if exact else 1) > 0
         trying = indefinite and again == 1 and shift <= MOST_ADDED
         if trying:
             shift = ti.max(least_shift, 10.0 * ti.max(added, enough / 1000.0))
             added = ti.max(loose, ti.max(shift, damping))
-            for r in range(rows):
-                upper[b, r] = spare[2 * b, r]
-                if symmetric == 0:
-                    lower[b, r] = spare[2 * b + 1, r]
     return indefinite, added, shift
+
+
+@ti.func
+def keep(b: int, t: int, x: ti.template(), q: ti.template(), to_x: ti.template(), to_q: ti.template()):
+    """Note where the rope stands at index t."""
+    for p in range(x.shape[2]):
+        to_x[b, p] = x[b, t, p]
+    for i in range(q.shape[2]):
+        to_q[b, i] = q[b, t, i]
+
+
+@ti.func
+def put_back(
+    b: int, t: int, x: ti.template(), q: ti.template(), from_x: ti.template(), from_q: ti.template()
+):
+    """Put the rope where it stood."""
+    for p in range(x.shape[2]):
+        x[b, t, p] = from_x[b, p]
+    for i in range(q.shape[2]):
+        q[b, t, i] = from_q[b, i]
 
 
 @ti.func
@@ -172,15 +190,29 @@ def note_forces(
 
 
 @ti.func
+def near_enough(
+    step: float, last_step: float, smooth: bool, mixed: int, shifted: bool, tolerance: float
+) -> bool:
+    """Whether the iteration ends with a step, by the one before it, too."""
+    bend = QUADRATIC_MIXED_1_M if mixed == 1 else QUADRATIC_1_M
+    enough = (smooth and step * step * bend < tolerance) or step < tolerance
+    enough = enough or (step < ROUNDING and step > 0.5 * last_step)
+    if step < FORETOLD and last_step < LARGEST_TURN and not shifted:
+        enough = enough or step * (step / last_step) ** 2 < FORETELLS * tolerance
+    return enough
+
+
+@ti.func
 def equilibrium(
     b: int, t: int, x: ti.template(), q: ti.template(), first: ti.template(),
     past: ti.template(), slip: ti.template(), sliding: ti.template(), end_q: ti.template(),
     steps: ti.template(), joints: ti.template(), segments: ti.template(), particles: ti.template(),
     contacts: ti.template(), obstacles: ti.template(), grips: ti.template(), clamped: ti.template(),
     moving: int, momentum: float, fresh: int, symmetric: int, tolerance: float, most: int,
-    added_before: float, upper: ti.template(), lower: ti.template(), spare: ti.template(), y: ti.template(),
-    limits: ti.template(), expected: ti.template(), begin_x: ti.template(), begin_q: ti.template(),
-    base_x: ti.template(), base_q: ti.template(), plain: ti.template(),
+    added_before: float, upper: ti.template(), lower: ti.template(), factors: ti.template(),
+    under: ti.template(), y: ti.template(), limits: ti.template(), expected: ti.template(),
+    begin_x: ti.template(), begin_q: ti.template(), base_x: ti.template(), base_q: ti.template(),
+    plain: ti.template(),
 ):  # fmt: skip
     """Newton's method from where the rope was put at index t, to where no force is left.
 
@@ -221,24 +253,28 @@ def equilibrium(
     shifted, exact, fresh_base, left = False, False, False, 0
     # friction first by the limits of the step before, which makes it a potential; then in full
     lagged, rounds, again, noted, nearer = rough, 1, 1, False, False
+    # steps that are still free to make it worse
+    leaps = 0
     # first with the segments' forces as unknowns of their own, those of the step before to begin with
     mixed = 1 - rough
     astray = False
     # what the energy is rounded by: it may be next to nothing, the difference of large parts
     rounding = 1e-18
     for p in range(n):
-        begin_x[b, p] = x[b, t, p]
         load = vec3(particles[b, p, LOAD], particles[b, p, LOAD + 1], particles[b, p, LOAD + 2])
         rounding += 1e-15 * ti.abs(load.dot(x[b, t, p]))
-    for i in range(n + 1):
-        begin_q[b, i] = q[b, t, i]
+    keep(b, t, x, q, begin_x, begin_q)
     if mixed == 1:
         note_forces(b, t - 1, x, q, segments, steps, y, 0.0, expected)
     while not done and count < (LONG_WAY if left > 0 else 1) * most:
         count += 1
+        # friction by noted limits has a potential
+        even = symmetric
+        if lawless and lagged == 1:
+            even = 1
         energy = assemble(
             b, t, b, x, q, first, past, slip, sliding, end_q, steps, joints, segments, particles,
-            contacts, obstacles, grips, clamped, moving, momentum, fresh, symmetric, 0, lagged,
+            contacts, obstacles, grips, clamped, moving, momentum, fresh, even, 0, lagged,
             limits, mixed, expected, upper, lower, y, plain,
         )  # fmt: skip
         clear_held(y, b, 0, n, b, grips, clamped)
@@ -252,7 +288,7 @@ def equilibrium(
             worse = force > least and (worse or rough == 1)
         elif symmetric == 0 and not lawless:
             worse = force > least and worse
-        worse = worse and shift == 0.0 and not exact and mixed == 0
+        worse = worse and shift == 0.0 and not exact and mixed == 0 and leaps == 0
         if worse and fraction > (0.2 if lagged == rough else 0.1):
             # the same step, half as far
             fraction *= 0.5
@@ -279,18 +315,15 @@ def equilibrium(
                 if damping < LEAST_ADDED:
                     damping = 0.0
             lowest, least, fresh_base = energy, force, False
-            hold_ends(upper, lower, b, n, b, grips, clamped, symmetric)
+            hold_ends(upper, lower, b, n, b, grips, clamped, even)
             indefinite, added, shift = factor_stiffer(
-                upper, lower, spare, b, rows, symmetric, exact, 1 - mixed, loose, damping, shift, least_shift,
-                enough, scale_x, scale_t,
+                upper, lower, factors, under, b, rows, even, exact, 1 - mixed, loose, damping, shift,
+                least_shift, enough, scale_x, scale_t,
             )  # fmt: skip
             if mixed == 1 and (indefinite or astray or count > MOST_MIXED):
                 # once more from the beginning, now downhill
                 mixed = 0
-                for p in range(n):
-                    x[b, t, p] = begin_x[b, p]
-                for i in range(n + 1):
-                    q[b, t, i] = begin_q[b, i]
+                put_back(b, t, x, q, begin_x, begin_q)
                 lowest, least, step, last_step, fraction = 1e300, 1e300, 1e300, 1e300, 1.0
             elif indefinite:
                 done, found = True, NOT_FINITE
@@ -298,7 +331,7 @@ def equilibrium(
                 shifted, enough, shift, fresh_base = shift > 0.0, shift, 0.0, True
                 for r in range(rows):
                     y[b, 1, r] = y[b, 0, r]
-                solve(upper, lower, b, y, b, 1, rows, symmetric)
+                solve(factors, under, b, y, b, 1, rows, even)
                 last_step, step, promised, far = step, 0.0, 0.0, 0.0
                 for r in range(rows):
                     went = y[b, 1, r]
@@ -315,11 +348,9 @@ def equilibrium(
                     fraction = ti.min(fraction, most_m / (far + 1e-300))
                 if exact and step > LARGEST_POLISH:
                     fraction = 0.0
-                for p in range(n):
-                    base_x[b, p] = x[b, t, p]
-                for i in range(n + 1):
-                    base_q[b, i] = q[b, t, i]
-                if mixed == 1:
+                keep(b, t, x, q, base_x, base_q)
+                small = near_enough(step, last_step, smooth, mixed, shifted, tolerance)
+                if mixed == 1 and not small:
                     note_forces(b, t, x, q, segments, steps, y, fraction, expected)
                 if ti.static(not plain):
                     if lagged == 1:
@@ -332,6 +363,9 @@ def equilibrium(
                         found = CONVERGED
                 elif damping > 0.0:
                     noted = False
+                    if step < tolerance:
+                        # only an undamped step tells whether any force is left
+                        kept, damping = damping, 0.0
                 elif lagged == 1:
                     # only what moves no further under the limits that belong to it is an equilibrium
                     met = noted and step < tolerance
@@ -340,13 +374,17 @@ def equilibrium(
                         again -= 1
                         lagged, noted, nearer = 1 if again > 0 else 0, True, True
                         lowest, least, step = 1e300, 1e300, 1e300
+                        if lagged == 0:
+                            leaps = LEAPS
+                            keep(b, t, x, q, begin_x, begin_q)
                 else:
-                    bend = QUADRATIC_MIXED_1_M if mixed == 1 else QUADRATIC_1_M
-                    met = (
-                        (smooth and step * step * bend < tolerance)
-                        or step < tolerance
-                        or (step < ROUNDING and step > 0.5 * last_step)
-                    )
+                    met = small
+                    if leaps > 0 and not met:
+                        leaps -= 1
+                        if leaps == 0:
+                            put_back(b, t, x, q, begin_x, begin_q)
+                            lowest, least, step, fraction = 1e300, 1e300, 1e300, 1.0
+                            fresh_base = False
                 may_fall = symmetric == 1 and (moving == 0 or momentum == 0.0) and left < MOST_LEFT
                 if met and shifted and may_fall and least_shift > LEAST_SHIFT * whole:
                     # once more, by as little as tells how steeply the energy falls
@@ -355,7 +393,7 @@ def equilibrium(
                     steep = 0.0
                     if may_fall:
                         steep = fall(
-                            b, n, grips, clamped, upper, lower, y, added, scale_x, scale_t
+                            b, n, grips, clamped, factors, under, y, added, scale_x, scale_t
                         )  # fmt: skip
                     if steep > STEEP * whole:
                         # on the way down each step then is about twice the one before

@@ -99,7 +99,7 @@ def linearise(
         )  # fmt: skip
         keep_held(upper, lower, m, n, symmetric, b, grips, clamped, columns)
         hold_ends(upper, lower, m, n, b, grips, clamped, symmetric)
-        if factor(upper, lower, m, 6 * (n + 1), symmetric, 0) > 0:
+        if factor(upper, lower, m, upper, lower, 6 * (n + 1), symmetric, 0) > 0:
             status[m] = NOT_FINITE
         dt = steps[b, t, 0] * (1 - fresh)
         for i in range(n):

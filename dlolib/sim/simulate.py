@@ -214,7 +214,7 @@ def _launch(
         _plain(scene), x, q, before, past, slip, sliding, np.ascontiguousarray(path.x),
         np.ascontiguousarray(path.q), steps_of(path, clock), *scene.arrays(), *clock.flags,
         int(placed is not None), int(scene.symmetric), TOLERANCE, most,
-        *(banded(slots, n) for slots in (ropes, ropes, 2 * ropes)),
+        *(banded(ropes, n) for _ in range(4)),
         columns(ropes, 2, n), np.zeros((ropes, 7, scene.slips)), np.empty((ropes, n, 3)),
         *(np.empty((ropes, *shape)) for _ in range(2) for shape in ((n, 3), (n + 1, 4))), status, taken,
     )  # fmt: skip

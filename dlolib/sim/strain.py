@@ -38,11 +38,11 @@ def stretch_shear(d: vec3, q: vec4, length: float, stiffness: vec3, mixed: int, 
     if mixed == 1:
         n = expected
     # products with K and with the cross matrices of u and n, written out: a compiler keeps their zeros
-    h_dd, h_dt = mat3(0.0), mat3(0.0)
+    h_dd, h_dt, per_length = mat3(0.0), mat3(0.0), 1.0 / length
     for i in ti.static(range(3)):
         for j in ti.static(range(3)):
             flat = rotation[i, 0] * k[0] * rotation[j, 0] + rotation[i, 1] * k[1] * rotation[j, 1]
-            h_dd[i, j] = (flat + rotation[i, 2] * k[2] * rotation[j, 2]) / length
+            h_dd[i, j] = (flat + rotation[i, 2] * k[2] * rotation[j, 2]) * per_length
             a, c = ti.static((j + 1) % 3, (j + 2) % 3)
             h_dt[i, j] = rotation[i, a] * (k[a] * u[c] - n[c]) - rotation[i, c] * (k[c] * u[a] - n[a])
     h_tt = mat3(0.0)

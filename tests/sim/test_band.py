@@ -12,23 +12,24 @@ ROWS = 60
 
 
 @ti.kernel
-def solve_in_place(
-    upper: bands, lower: bands, y: scalars3, symmetric: ti.i32, definite: ti.i32, transposed: ti.i32
-) -> ti.i32:
+def solved(
+    upper: bands, lower: bands, factors: bands, under: bands, y: scalars3, symmetric: ti.i32,
+    definite: ti.i32, transposed: ti.i32,
+) -> ti.i32:  # fmt: skip
     rows = y.shape[2] - HALF
-    failed = factor(upper, lower, 0, rows, symmetric, definite)
+    failed = factor(upper, lower, 0, factors, under, rows, symmetric, definite)
     if failed == 0:
         if transposed == 1 and symmetric == 0:
-            solve_transposed(upper, lower, 0, y, 0, 0, rows)
+            solve_transposed(factors, under, 0, y, 0, 0, rows)
         else:
-            solve(upper, lower, 0, y, 0, 0, rows, symmetric)
+            solve(factors, under, 0, y, 0, 0, rows, symmetric)
     return failed
 
 
 @ti.kernel
 def solve_together(upper: bands, lower: bands, y: lanes3, symmetric: ti.i32):
     rows = y.shape[2] - HALF
-    factor(upper, lower, 0, rows, symmetric, 1)
+    factor(upper, lower, 0, upper, lower, rows, symmetric, 1)
     for g in range(y.shape[1]):
         solve_lanes(upper, lower, 0, y, 0, g, rows, symmetric)
 
@@ -59,21 +60,27 @@ def banded(seed: int, diagonal: float, symmetric: bool) -> tuple[np.ndarray, np.
 
 @pytest.mark.parametrize("symmetric", [True, False])
 @pytest.mark.parametrize("transposed", [True, False])
-def test_solves_as_numpy_does(symmetric: bool, transposed: bool) -> None:
+@pytest.mark.parametrize("apart", [True, False])
+def test_solves_as_numpy_does(symmetric: bool, transposed: bool, apart: bool) -> None:
+    """Apart from the matrix, which then stays as it is, or in its place."""
     a, upper, lower = banded(1, 20.0, symmetric)
     if symmetric:
         lower[:] = np.nan  # not read
     y = np.zeros((1, 1, ROWS + HALF))
     y[0, 0, :ROWS] = right = np.random.default_rng(2).normal(size=ROWS)
-    assert solve_in_place(upper, lower, y, int(symmetric), 1, int(transposed)) == 0
+    before = upper.copy()
+    into = (np.full_like(upper, np.nan), np.full_like(lower, np.nan)) if apart else (upper, lower)
+    assert solved(upper, lower, *into, y, int(symmetric), 1, int(transposed)) == 0
+    assert np.array_equal(upper, before) is apart
     assert y[0, 0, :ROWS] == pytest.approx(np.linalg.solve(a.T if transposed else a, right), rel=1e-12)
 
 
 def test_an_indefinite_matrix_breaks_down_only_where_an_energy_is_asked_for() -> None:
     _, upper, lower = banded(1, 0.5, True)
     y = np.zeros((1, 1, ROWS + HALF))
-    assert solve_in_place(upper.copy(), lower.copy(), y, 1, 1, 0) > 0
-    assert solve_in_place(upper, lower, y, 1, 0, 0) == 0
+    apart = np.zeros_like(upper), np.zeros_like(lower)
+    assert solved(upper, lower, *apart, y, 1, 1, 0) > 0
+    assert solved(upper, lower, *apart, y, 1, 0, 0) == 0
 
 
 @pytest.mark.parametrize("symmetric", [True, False])
