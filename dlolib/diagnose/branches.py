@@ -92,10 +92,11 @@ def told_sides(study: Study) -> list[str]:
     """In which frames of which recordings the rope was sought where it was seen, as sentences."""
     several, found = len(study.seen) > 1, []
     for one in study.seen:
-        frames = [int(points.frame[0]) for points in getattr(one.model, "sought", ())]
-        if frames:
+        frames = np.array([points.frame[0] for points in getattr(one.model, "sought", ())], dtype=int)
+        if len(frames):
             of = f" of {one.recording.name}" if several else ""
-            which = ", ".join(map(str, frames))
+            runs = np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1)
+            which = ", ".join(f"{run[0]} to {run[-1]}" if len(run) > 1 else f"{run[0]}" for run in runs)
             found.append(
                 f"The rope may buckle to either side: in frames {which}{of} it was sought where it was seen."
             )
