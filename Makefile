@@ -26,6 +26,10 @@ repro: .venv/installed ## run the pipeline (what changed of it) and end with the
 test: .venv/installed ## run the tests
 	@pytest -n $(WORKERS) --dist worksteal
 
+.PHONY: bounds
+bounds: .venv/installed ## run the rod's tests with every index of a kernel held against its array
+	@QD_DEBUG=1 pytest -n $(WORKERS) --dist worksteal tests/sim
+
 .PHONY: lint
 lint: .venv/installed ## ruff, mypy strict on dlolib and stages, import layers
 	@ruff check .

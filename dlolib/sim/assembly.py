@@ -139,11 +139,12 @@ def frozen(limits: ti.template(), b: int, k: int, lagged: int) -> vec4:
 
 
 @ti.func
-def held(limits: ti.template(), b: int, p: int, points: int) -> bool:
+def held(limits: ti.template(), b: int, p: int, points: int, lagged: int) -> bool:
     """Whether a limit is noted of any of so many contact points that begin with particle p."""
     found = False
-    for j in range(points):
-        found = found or limits[b, 0, SAMPLES * p + j] > 0.0
+    if lagged == 1:
+        for j in range(points):
+            found = found or limits[b, 0, SAMPLES * p + j] > 0.0
     return found
 
 
@@ -245,7 +246,7 @@ def assemble(
                 reach = SAMPLES if p + 1 < n else 1
                 if obstacles.shape[1] == 0 or (
                     out_of_reach(b, b, t, p, x, steps, segments, contacts, obstacles)
-                    and not (lagged == 1 and held(limits, b, p, reach))
+                    and not held(limits, b, p, reach, lagged)
                 ):
                     reach = 0
                 for j in range(reach):
