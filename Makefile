@@ -146,6 +146,10 @@ proof-images: .venv/installed ## COUNT=40 recordings as of the proof, but from r
 proof-next: .venv/installed ## the motions that ties of the scored shards ask for, played and diagnosed with the first recording [ONLY="shard ..."]
 	@python -m stages.proof_next --only $(ONLY)
 
+.PHONY: proof-heldout
+proof-heldout: .venv/installed ## whether the laboratory's own rope foretells the held-out frames of the scored shards [ONLY="shard ..."]
+	@python -m stages.proof_heldout --only $(ONLY)
+
 .PHONY: practice
 practice: .venv/installed ## diagnose recordings in DATA=DIR whose truth.json lies beside them, and score them
 	@[ -n "$(DATA)" ] || { echo "make practice: DATA is not set; say where the recordings lie: make practice DATA=DIR" >&2; exit 2; }

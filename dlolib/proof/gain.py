@@ -21,10 +21,11 @@ GAIN_BODIES, COARSEST = 58, POINTS - 1
 
 @dataclass(frozen=True)
 class Gain:
-    """Chi-squared that the best other rope leaves, noise-free, and that rope's EI [N m²]."""
+    """Chi-squared that the best other rope leaves, noise-free, and that rope's EI and GJ [N m²]."""
 
     value: float
     bending_stiffness: float
+    torsional_stiffness: float
 
 
 def gain(
@@ -68,7 +69,8 @@ def gain(
         return np.stack([whiten(moved / TRIAL, noise).ravel() for moved in aside], axis=1)
 
     found, change = _descend(miss, slopes, np.zeros(2 + len(start)), doubtless)
-    return Gain(found, experiment.bending_stiffness * float(np.exp(change[0])))
+    stiffness = np.array([experiment.bending_stiffness, experiment.torsional_stiffness]) * np.exp(change[:2])
+    return Gain(found, *map(float, stiffness))
 
 
 def _descend(

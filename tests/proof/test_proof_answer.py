@@ -41,7 +41,9 @@ def test_no_member_is_seen_better_beside_the_other_than_both_against_the_elastic
     """Two that cancel: the best rope with the other alone may have none of it, which a search from its true
     size does not find (recording 014 of shard_20261130T021819: 41 beside it, 28 against the elastic rope)."""
     left = {(): 28.0, ("end_angle",): 41.0, ("camera_pose",): 0.4}
-    monkeypatch.setattr(answer, "gain", lambda ours, truth, others, noise: Gain(left[tuple(others)], 3e-4))
+    monkeypatch.setattr(
+        answer, "gain", lambda ours, truth, others, noise: Gain(left[tuple(others)], 3e-4, 3e-4)
+    )
     case: Any = SimpleNamespace(
         effects={"camera_pose": {"depth": 0.01}, "end_angle": {"end_1": 0.002}}, seen=np.ones(3), noise=None
     )

@@ -43,6 +43,13 @@ BESIDE = (
     ("without.json", ["owned_up"], "the true effect taken out of the library, and that noticed", "≥ 80 %"),
     ("next.json", ["asked"], "ties for which a motion is asked for and can be played", ABSENT),
     ("next.json", ["told_apart"], "of these end in the true set alone once it was", "≥ 80 %"),
+    ("heldout.json", ["truth_better"], "held-out χ² of the true rope better than an elastic one's", ABSENT),
+    (
+        "heldout.json",
+        ["named_better_where_truth_is"],
+        "and of these, of what is named, better than the elastic rod's",
+        ABSENT,
+    ),
     ("sizes.json", ["found"], "planted at the size that `detectable` names, and found", "85 to 99 %"),
     ("screen.json", ["missed"], "every pair fitted: a better model than those screened", ABSENT),
     ("screen.json", ["otherwise"], "and another verdict for it", ABSENT),
