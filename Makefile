@@ -164,6 +164,11 @@ sealed: .venv/installed ## diagnose recordings in DATA=DIR whose answers are kep
 validation: .venv/installed ## the rod against theory: docs/validation.md and its figures
 	@python -m stages.validation
 
+.PHONY: agreement
+agreement: COUNT = 3
+agreement: .venv/installed ## `dlo simulate` of every effect, COUNT=3 ropes each, against the proof's laboratory: reports/agreement.json
+	@python -m stages.agreement "$(COUNT)"
+
 .PHONY: lock
 lock: ## pin requirements.lock anew from pyproject.toml (needs uv)
 	@uv pip compile --quiet --universal --fork-strategy fewest --python-version 3.11 --generate-hashes \
