@@ -317,6 +317,7 @@ def _write_extras(folder: Path) -> None:
     elastic = {"bending_stiffness": _estimate(3.02e-4), "true_ei_n_m2": 3e-4, "ei_error": 0.0067}
     write_json(folder / "elastic.json", {**elastic, "rmse_m": 0.0012})
     _write_solvers(folder / "solvers.json")
+    _write_agreement(folder / "agreement.json")
     _write_bench(folder / "bench.json")
     _write_chain_bench(folder / "chain_bench.json")
     _write_proof(folder)
@@ -387,6 +388,18 @@ def _write_bench(path: Path) -> None:
     for key, (value, goal, unit, at_least) in rows.items():
         table[key] = {"value": value, "goal": goal, "unit": unit, "at_least": at_least, "how": "measured so"}
     write_json(path, table)
+
+
+def _write_agreement(path: Path) -> None:
+    """One within its goal, one beyond it and in another equilibrium, one refused."""
+    near = {"most_percent": 0.013, "mean_percent": 0.002, "frames_elsewhere": 0}
+    far = {"most_percent": 7.0, "mean_percent": 0.2, "frames_elsewhere": 3}
+    rows = [
+        {"effect": "", "draw": 0, "goal_percent": 0.5, **near},
+        {"effect": "plastic_bending", "draw": 0, "goal_percent": 1.0, **far},
+        {"effect": "grasp_slip", "draw": 0, "goal_percent": 0.5, "refused": "it would tear"},
+    ]
+    write_json(path, {"size": 3.0, "each": 1, "met": 1, "of": 3, "recordings": rows})
 
 
 def _write_chain_bench(path: Path) -> None:

@@ -221,6 +221,7 @@ def test_empty_results_make_a_report_of_sentences(tmp_path: Path) -> None:
         ("reports/learn/layout_2/shapes.csv", "no shapes to draw for Layout 2"),
         ("data/layouts/layout_2", "no shapes to draw for Layout 2"),
         ("reports/execute", "Nothing was executed"),
+        ("reports/agreement.json", "not held against another solver"),
         ("reports/bench.json", "Nothing was measured beside the peers"),
         ("reports/chain_bench.json", "not held against rendered ropes"),
         ("reports/proof", "blind proof was not run"),

@@ -232,7 +232,7 @@ def test_cards_say_which_command_gives_them(content: dict) -> None:
 
 def test_page_holds_every_section_caption_and_cell(out: Path, content: dict) -> None:
     text = unescape(re.sub(r"</?(?:code|sub|strong)>", "", (out / "report.html").read_text(encoding="utf-8")))
-    assert len(content["sections"]) == 14
+    assert len(content["sections"]) == 15
     shown = [section["title"] for section in content["sections"]]
     shown += [block["caption"] for kind in ("figure", "table") for block in blocks_of(content, kind)]
     shown += [cell for table in blocks_of(content, "table") for row in table["rows"] for cell in row]
@@ -264,6 +264,14 @@ def test_a_solver_that_no_stiffness_fits_is_said_so(content: dict) -> None:
     assert figure["file"] == "figures/solvers.svg" and "no number of iterations" in figure["caption"]
     assert [row[4] for row in table["rows"]] == [*["3.00 × 10⁻⁴"] * 3, "none", "none", "5.00 × 10⁻⁴"]
     assert [row[6] for row in table["rows"]] == ["0.0"] * 3 + ["–", "–", "66.7"]
+
+
+def test_each_law_stands_beside_another_solvers(content: dict) -> None:
+    (section,) = [section for section in content["sections"] if section["name"] == "agreement"]
+    words, figure = section["blocks"]
+    assert "3 times as large" in words["text"] and "1 of 3 are within the goal" in words["text"]
+    assert "1 could not be simulated" in words["text"] and "In 1 the rope lies" in words["text"]
+    assert figure["file"] == "figures/agreement.svg"
 
 
 def test_the_bench_keeps_what_was_missed_and_what_was_not_measured(content: dict) -> None:

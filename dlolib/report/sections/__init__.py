@@ -9,6 +9,7 @@ from dlolib.report.model import Section
 from dlolib.report.results import Results
 from dlolib.report.sections import (
     ablation,
+    agreement,
     bench,
     cables,
     capture,
@@ -36,6 +37,7 @@ SECTIONS: tuple[Callable[[Results, Path], Section], ...] = (
     execution.section,
     cables.section,
     solvers.section,
+    agreement.section,
     bench.section,
     comparison.section,
     making.section,
