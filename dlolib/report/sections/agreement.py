@@ -32,8 +32,8 @@ def section(results: Results, figures: Path) -> Section:
         "is just found, and `dlo simulate` the same rope by the same parameters, "
         f"{found['each']} of each. Where a law's form is another the rod has the parameters by which it "
         f"comes nearest, and what is left of the form is part of the distance. {found['met']} of "
-        f"{found['of']} are within the goal: half a percent of the length, one where the way "
-        "counts or the rope touches."
+        f"{found['of']} are within the goal: half a percent of the length, a whole one where "
+        "the way counts or the rope touches."
     )
     if refused:
         words += f" {len(refused)} could not be simulated and are left out of the figure."

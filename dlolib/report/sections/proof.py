@@ -168,8 +168,9 @@ def _shares(proof: Mapping[str, Any], beside: list[tuple[str, ...]]) -> Table:
         Column("What", align="left"), Column("Count"), Column("Share", "%"), Column("95 % interval", "%"),
         Column("Goal"),
     )  # fmt: skip
-    others = "`proof-without`, `proof-next`, `proof-sizes`, `proof-screen`, `proof-images`"
-    caption = f"The blind proof (`make proof`, and {others}), with Wilson's intervals."
+    others = ("without", "next", "heldout", "sizes", "screen", "images")
+    named = ", ".join(f"`proof-{one}`" for one in others)
+    caption = f"The blind proof (`make proof`, and {named}), with Wilson's intervals."
     return Table(caption, columns, tuple(rows))
 
 
