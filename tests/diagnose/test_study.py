@@ -136,7 +136,8 @@ def test_a_fit_begins_with_a_usual_twist_where_the_baseline_ran_limp(study):
     assert study.beginnings({ei: EI, gj: 0.7 * EI}, "rest_curvature") == [{}]
 
 
-def test_softer_ropes_are_tried_beside_what_is_taken_for_stiffness(study):
+@pytest.mark.parametrize("effect", ["anisotropic_bending", "inertia_drag"])
+def test_softer_ropes_are_tried_beside_what_is_taken_for_stiffness(study, effect):
     stiff = dict.fromkeys(map(Unknown, study.stiffnesses), 200 * EI)
     assert not study.rigid(stiff) and study.beginnings(stiff, "mass_profile") == [{}]
     first, *others = study.beginnings(stiff, "inertia_drag")

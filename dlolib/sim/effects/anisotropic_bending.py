@@ -10,6 +10,8 @@ from dlolib.sim.scene import STIFFNESS
 NAME = "anisotropic_bending"
 SAYS = "the rope is stiffer about one axis than about the other"
 SIDED = True
+# A rope that gives way where it is soft is nearest, in the mean, to one that is too stiff to do so anywhere.
+STIFFENS = True
 PARAMETERS = (
     Parameter(
         "stiffness_ratio", "", "EI about the second axis over the first", 1.0, 0.02, 50.0, 0.05, (0.5, 2.0)
