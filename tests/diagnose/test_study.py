@@ -140,11 +140,11 @@ def test_a_fit_begins_with_a_usual_twist_where_the_baseline_ran_limp(study):
 def test_softer_ropes_are_tried_beside_what_is_taken_for_stiffness(study, effect):
     stiff = dict.fromkeys(map(Unknown, study.stiffnesses), 200 * EI)
     assert not study.rigid(stiff) and study.beginnings(stiff, "mass_profile") == [{}]
-    first, *others = study.beginnings(stiff, "inertia_drag")
+    first, *others = study.beginnings(stiff, effect)
     assert first == {} and others
     assert all(0 < one[Unknown("bending_stiffness")] < 200 * EI for one in others)
     soft = dict.fromkeys(map(Unknown, study.stiffnesses), 1e-3 * EI)
-    assert study.beginnings(soft, "inertia_drag") == [{}]
+    assert study.beginnings(soft, effect) == [{}]
 
 
 def test_a_load_along_gravity_is_sought_where_it_is_more_than_another_stiffness(study):
