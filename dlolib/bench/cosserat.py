@@ -1,8 +1,8 @@
 """Our rod as a solver of `cosseratbench` (entry point `cosseratbench.solvers`), by that package's own rules.
 
 What the rod lacks is not declared: contact between rods, so that crossing and pile are unsupported. A
-scenario that asks for an equilibrium and drives no end gets it at once; all others are stepped by implicit
-Euler, with the mass-proportional damping that the other adapters take where the scenario allows it.
+scenario that asks for an equilibrium and drives no end gets it at once; all others are stepped by Park's
+backward difference, with the mass-proportional damping that the other adapters take where the scenario allows it.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class RodSolver:
             return {"integrator": "equilibrium by Newton's method"}
         dt, _ = self._steps(scenario, n_frames)
         damping = 2.0 * scenario.slowest_frequency() if scenario.quasi_static else 0.0
-        return {"integrator": "implicit Euler", "time_step": dt, "damping_rate": damping}
+        return {"integrator": "Park's backward difference", "time_step": dt, "damping_rate": damping}
 
     def run(self, scenario: Scenario, *, n_elements: int, n_frames: int) -> Trajectory:
         """All rods as one batch: they do not touch each other."""

@@ -20,10 +20,11 @@ from dlolib.sim.assembly import (
 from dlolib.sim.band import HALF, solve, solve_transposed
 from dlolib.sim.derivatives import block2, block3, gathered, lanes2, lanes3, lanes4, of_end, spread
 from dlolib.sim.explicit import explicit
+from dlolib.sim.inertia import BACK, stiffnesses
 from dlolib.sim.joints import HISTORY, laws_act
 from dlolib.sim.launch import kernel
 from dlolib.sim.runtime import APART, lanes, ti, vec2, vec3
-from dlolib.sim.scene import DRAG, INERTIA, SAMPLES
+from dlolib.sim.scene import SAMPLES
 from dlolib.sim.strain import bend_twist, darboux, moment_to_rotations, rotations_to_strain
 
 
@@ -178,17 +179,19 @@ def adjoint(
                         total += d_slip[b, k][j] * by_slip[b, g, k, j]
                 d_parameter[b, g] += total
             if moving == 1:
-                rate = 1.0 / steps[b, t, 0]
-                ratio = steps[b, t, 0] / steps[b, t - 1, 0]
                 for p in range(n):
                     r = 6 * (p + 1)
                     pull = vec3(y[b, 0, r], y[b, 0, r + 1], y[b, 0, r + 2])
-                    inertia, drag = particles[b, p, INERTIA] * rate * rate, particles[b, p, DRAG] * rate
-                    d_x[b, t - 1, p] += ((1.0 + momentum * ratio) * inertia + drag) * pull
-                    if t > 1:
-                        d_x[b, t - 2, p] -= momentum * ratio * inertia * pull
-                    else:
-                        d_first[b, p] -= momentum * inertia * pull
+                    stiffness = stiffnesses(particles, steps, b, t, p, momentum)
+                    for back in ti.static(range(1, BACK + 1)):
+                        # the way that leads there, and the one that leads on from there
+                        share = stiffness[back - 1]
+                        if ti.static(back < BACK):
+                            share -= stiffness[back]
+                        if t >= back:
+                            d_x[b, t - back, p] += share * pull
+                        elif t == back - 1:
+                            d_first[b, p] += share * pull
             for i in range(n):
                 if laws_act(joints, b, i):
                     _now_l, before_l = joint_lengths(joints, steps, b, t, i)

@@ -7,10 +7,11 @@ the wall and not in the middle of the first segment.
 
 from dlolib.sim.band import HALF, row_type
 from dlolib.sim.contact import friction, push, within
+from dlolib.sim.inertia import slowed
 from dlolib.sim.joints import curvature, elastic, laws_act, remember, respond
 from dlolib.sim.rotations import identity
 from dlolib.sim.runtime import mat3, ti, vec3, vec4
-from dlolib.sim.scene import DRAG, INERTIA, LENGTH, LOAD, PRIOR, SAMPLES, STIFFNESS
+from dlolib.sim.scene import LENGTH, LOAD, PRIOR, SAMPLES, STIFFNESS
 from dlolib.sim.strain import bend_twist, darboux, stretch_shear
 
 scalars1 = ti.types.ndarray(dtype=ti.f64, ndim=1)
@@ -274,13 +275,11 @@ def assemble(
             energy -= load.dot(x[b, t, p])
             gx -= load
             if moving == 1:
-                rate = 1.0 / steps[b, t, 0]
-                inertia, drag = particles[b, p, INERTIA] * rate * rate, particles[b, p, DRAG] * rate
-                moved = x[b, t, p] - x[b, t - 1, p]
-                flown = moved - momentum * carried(x, first, steps, b, b, t, p)
-                energy += 0.5 * inertia * flown.dot(flown) + 0.5 * drag * moved.dot(moved)
-                gx += inertia * flown + drag * moved
-                xx += (inertia + drag) * identity()
+                force, stiffness = slowed(x, first, particles, steps, b, b, t, p, momentum)
+                if stiffness > 0.0:
+                    energy += 0.5 / stiffness * force.dot(force)
+                gx += force
+                xx += stiffness * identity()
         write_upper(upper, m, i, xx, xt, tt, x_x + rub, t_x, t_t)
         if ti.static(not plain) and symmetric == 0:
             write_lower(lower, m, i, xx, xt.transpose(), tt, x_x + rub, t_x.transpose(), t_t_low)
@@ -288,17 +287,6 @@ def assemble(
             y[m, 0, 6 * i + r] = -gx[r]
             y[m, 0, 6 * i + 3 + r] = -gt[r]
     return energy
-
-
-@ti.func
-def carried(
-    x: ti.template(), first: ti.template(), steps: ti.template(), case: int, b: int, t: int, p: int
-) -> vec3:  # fmt: skip
-    """What particle p would move in the step to index t if nothing changed its velocity [m]."""
-    moved = x[b, t - 1, p] - first[b, p]
-    if t > 1:
-        moved = x[b, t - 1, p] - x[b, t - 2, p]
-    return moved * (steps[case, t, 0] / steps[case, t - 1, 0])
 
 
 @ti.func

@@ -1,8 +1,8 @@
 """The continuous rod that a mesh and a time step stand for: Richardson's extrapolation of its points.
 
 n particles bend like a rod of a few percent less stiffness, an error that falls with the square of the
-segments' length; implicit Euler damps a swinging rope, an error that falls with the step. A mesh so many
-times as fine, in steps shorter by the square of that, shows most of both, and how much is left.
+segments' length; a swing takes a little too long, an error that falls with the square of the step. A mesh so
+many times as fine, in steps as many times shorter, shows most of both, and how much is left.
 """
 
 from __future__ import annotations
@@ -46,10 +46,10 @@ SIMULATED = "dlo simulate"
 
 
 def refined(model: Model, finer: int) -> Model:
-    """The same recording on a mesh so many times as fine, in steps shorter by the square of that."""
+    """The same recording on a mesh so many times as fine, in steps as many times shorter."""
     finely = replace(model, particles=finer * (model.particles - 1) + 1)
     if isinstance(finely, RecordingModel) and finely.step_s is not None:
-        return replace(finely, step_s=finely.step_s / finer**2)
+        return replace(finely, step_s=finely.step_s / finer)
     return finely
 
 

@@ -15,7 +15,17 @@ from dlolib.sim.explicit import CONTACT, GRIP, JOINT, PARTICLE, SEGMENT
 from dlolib.sim.joints import HISTORY
 from dlolib.sim.runtime import LANES
 from dlolib.sim.scene import Scene
-from dlolib.sim.simulate import Clock, Path, Rollout, State, banded, columns, refuse, steps_of
+from dlolib.sim.simulate import (
+    Clock,
+    Path,
+    Rollout,
+    State,
+    banded,
+    before_next,
+    columns,
+    refuse,
+    steps_of,
+)
 from dlolib.types import Floats
 
 
@@ -97,8 +107,9 @@ def gradient(
     slip, first = np.zeros((ropes, rollout.scene.slips, 3)), np.zeros((ropes, n, 3))
     if final is not None:
         d_x[:, -1] += final.x
-        # the state before the last one is the last position but one
-        d_x[:, -2] += final.before
+        weights = before_next(indices - 1)
+        for back, weight in enumerate(weights[::-1]):
+            (d_x[:, -1 - back] if back < indices else first)[:] += weight * final.before
         turn, past, slip = (np.array(part, order="C") for part in (final.turn, final.past, final.slip))
     end_x, end_q = np.zeros((ropes, indices - 1, 2, 3)), np.zeros((ropes, indices - 1, 2, 3))
     groups = groups_of(len(variations))
@@ -134,20 +145,25 @@ def sensitivities(
     slot[np.asarray(steps) - 1] = np.arange(len(steps))
     out = np.zeros((ropes, len(steps), groups, 3 * n, LANES))
     begin = initial or zero_tangent(rollout.scene, count)
-    u, before = (in_rows(ropes, groups, n) for _ in range(2))
-    _positions(u)[:], _turns(u)[:], _positions(before)[:] = map(in_lanes, (begin.x, begin.turn, begin.before))
+    u, trail = in_rows(ropes, groups, n), np.stack([in_rows(ropes, groups, n)] * sensitivity.KEPT, axis=1)
+    _positions(u)[:], _turns(u)[:] = map(in_lanes, (begin.x, begin.turn))
+    _positions(trail[:, 0])[:], _positions(trail[:, 1])[:] = map(in_lanes, (begin.before, begin.x))
     past, slip = in_lanes(begin.past), in_lanes(begin.slip)
     scene = rollout.scene
     factors, memory = _linearised(rollout)
     sensitivity.sensitivities(
         *_states(rollout), steps_of(rollout.path, rollout.clock), scene.joints, scene.particles, scene.grips,
         scene.clamped, *rollout.clock.flags, int(scene.symmetric), *factors, *memory, slot,
-        *_cases(rollout, variations), *_room(rollout, variations), u, before,
+        *_cases(rollout, variations), *_room(rollout, variations), u, trail,
         in_rows(ropes, groups, n), past, slip, np.zeros((ropes, groups, n, 2, LANES)), out,
     )  # fmt: skip
     moved = np.moveaxis(out.reshape(ropes, len(steps), groups, n, 3, LANES), -1, 3)
     moved = moved.reshape(ropes, len(steps), groups * LANES, n, 3)[:, :, :count]
-    states = (_positions(u), _positions(before), _turns(u), past, slip)
+    onward = sum(
+        weight * _positions(trail[:, (indices - back) % sensitivity.KEPT])
+        for back, weight in enumerate(before_next(indices - 1)[::-1])
+    )
+    states = (_positions(u), onward, _turns(u), past, slip)
     return moved, Tangent(*(of_lanes(part, count) for part in states))
 
 

@@ -1,7 +1,7 @@
 """The direct solver: each step's constraints all at once, by Newton's method on a banded Hessian.
 
-XPBD's multipliers (3), solved together instead of one by one, are a Newton step of the implicit Euler
-energy; iterated until it stands still (`equilibrium`), the shape depends on no iteration count.
+XPBD's multipliers (3), solved together instead of one by one, are a Newton step of the step's energy;
+iterated until it stands still (`equilibrium`), the shape depends on no iteration count.
 """
 
 from dlolib.sim.assembly import (

@@ -8,11 +8,12 @@ and the contacts behind it. The rest is the same on both sides, and nobody looks
 Columns lie in groups of `LANES`, as `band.solve_lanes` takes them.
 """
 
-from dlolib.sim.assembly import bent_from, carried, grip, joint_lengths, out_of_reach, sample
+from dlolib.sim.assembly import bent_from, grip, joint_lengths, out_of_reach, sample
 from dlolib.sim.contact import friction, push
+from dlolib.sim.inertia import slowed
 from dlolib.sim.joints import HISTORY, begin, law_acts, respond
 from dlolib.sim.runtime import LANES, ti, vec3, vec4
-from dlolib.sim.scene import DRAG, INERTIA, LOAD, SAMPLES
+from dlolib.sim.scene import LOAD, SAMPLES
 from dlolib.sim.strain import darboux, moment_to_rotations, stretch_shear
 
 JOINT, SEGMENT, PARTICLE, CONTACT, GRIP = 1, 2, 4, 8, 16
@@ -111,11 +112,8 @@ def of_particles(
                     for k in ti.static(range(3)):
                         pull[k] -= sign * particles[case, p, LOAD + k]
                     if moving == 1:
-                        rate = 1.0 / steps[case, t, 0]
-                        moved = x[b, t, p] - x[b, t - 1, p]
-                        flown = moved - momentum * carried(x, first, steps, case, b, t, p)
-                        pull += sign * rate * rate * particles[case, p, INERTIA] * flown
-                        pull += sign * rate * particles[case, p, DRAG] * moved
+                        force, _stiffness = slowed(x, first, particles, steps, case, b, t, p, momentum)
+                        pull += sign * force
                 take(y, b, slots[number], 6 * (p + 1), pull / widths[number])
 
 

@@ -29,11 +29,15 @@ from dlolib.sim.derivatives import (
     spread_lanes,
 )
 from dlolib.sim.explicit import explicit
+from dlolib.sim.inertia import BACK, stiffnesses
 from dlolib.sim.joints import law_acts, laws_act
 from dlolib.sim.launch import kernel
 from dlolib.sim.runtime import APART, lanes, ti, vec3
-from dlolib.sim.scene import DRAG, INERTIA, SAMPLES
+from dlolib.sim.scene import SAMPLES
 from dlolib.sim.strain import darboux, moment_to_rotations
+
+# States whose derivatives inertia looks back to, and that at which they are wanted.
+KEPT = BACK + 1
 
 
 @ti.func
@@ -124,18 +128,21 @@ def remember_laws(
 
 @ti.func
 def pull_of_motion(
-    y: ti.template(), u: ti.template(), u_before: ti.template(), steps: ti.template(),
-    particles: ti.template(), b: int, t: int, momentum: float,
+    y: ti.template(), trail: ti.template(), steps: ti.template(), particles: ti.template(), b: int, t: int,
+    momentum: float,
 ):  # fmt: skip
-    """Into y[b, g] what inertia and drag at index t owe to the two states before."""
-    rate = 1.0 / steps[b, t, 0]
-    ratio = steps[b, t, 0] / steps[b, t - 1, 0]
+    """Into y[b, g] what inertia and drag at index t owe to the states before."""
     for p in range(particles.shape[1]):
-        inertia, drag = particles[b, p, INERTIA] * rate * rate, particles[b, p, DRAG] * rate
-        for g in range(y.shape[1]):
-            for r in range(6 * (p + 1), 6 * (p + 1) + 3):
-                moved = u[b, g, r] - u_before[b, g, r]
-                y[b, g, r] += (inertia + drag) * u[b, g, r] + inertia * momentum * ratio * moved
+        stiffness = stiffnesses(particles, steps, b, t, p, momentum)
+        for back in ti.static(range(1, BACK + 1)):
+            # the way that leads there, and the one that leads on from there
+            share = stiffness[back - 1]
+            if ti.static(back < BACK):
+                share -= stiffness[back]
+            if t >= back - 1:
+                for g in range(y.shape[1]):
+                    for r in range(6 * (p + 1), 6 * (p + 1) + 3):
+                        y[b, g, r] += share * trail[b, (t - back + 1) % KEPT, g, r]
 
 
 @ti.func
@@ -251,7 +258,7 @@ def sensitivities(
     by_slip: lanes4,
     after: scalars4,
     u: lanes3,
-    u_before: lanes3,
+    trail: lanes4,
     y: lanes3,
     d_past: lanes4,
     d_slip: lanes4,
@@ -260,9 +267,10 @@ def sensitivities(
 ):
     """Forward pass beside `roll_out`: derivatives of the states by a handful of parameters.
 
-    The cases are those of `explicit`; by_held: see `of_end`. u, u_before (B, G, rows), d_past and d_slip are
-    derivatives of the initial state, of that before and of what they remember, on exit of the last. y,
-    by_past, by_slip, after and bent are room. `slot[t - 1]` says where in `out` (B, slot, G, 3 n) the
+    The cases are those of `explicit`; by_held: see `of_end`. u (B, G, rows), d_past and d_slip are
+    derivatives of the initial state and of what it remembers, on exit of the last. trail (B, KEPT, G, rows)
+    has those of the state at index t at (t + 1) % KEPT: on entry of that before the initial one and of this.
+    y, by_past, by_slip, after and bent are room. `slot[t - 1]` says where in `out` (B, slot, G, 3 n) the
     positions of step t go, -1 for nowhere.
     """
     for lane in range(x.shape[0] * APART):
@@ -284,7 +292,7 @@ def sensitivities(
                 slots, widths, y, by_past, by_slip, after,
             )  # fmt: skip
             if moving == 1:
-                pull_of_motion(y, u, u_before, steps, particles, b, t, momentum)
+                pull_of_motion(y, trail, steps, particles, b, t, momentum)
             pull_of_laws(y, q, joints, bends, bent, d_past, b, t, m, fresh)
             if rubbing:
                 pull_of_friction(y, u, rubs, d_slip, b, m, n)
@@ -297,8 +305,8 @@ def sensitivities(
             remember_laws(y, q, steps, joints, bends, bent, by_past, d_past, b, t, m, fresh)
             for g in range(y.shape[1]):
                 for r in range(rows):
-                    u_before[b, g, r] = u[b, g, r]
                     u[b, g, r] = y[b, g, r]
+                    trail[b, (t + 1) % KEPT, g, r] = y[b, g, r]
                 if slot[t - 1] >= 0:
                     for p in range(n):
                         for k in ti.static(range(3)):

@@ -9,6 +9,7 @@ import numpy as np
 from dlolib.errors import SimulationError
 from dlolib.sim import direct
 from dlolib.sim.band import HALF
+from dlolib.sim.inertia import VELOCITY, of_positions
 from dlolib.sim.joints import HISTORY
 from dlolib.sim.scene import Scene
 from dlolib.types import Floats
@@ -32,7 +33,7 @@ class State:
 
     Args:
         x: positions (B, n, 3) [m].
-        before: those one step earlier.
+        before: those one step earlier, had they always been as fast as they are.
         q: frames (B, n + 1, 4); frames 0 and n are the wall's and the grasp's.
         past: histories of the laws (B, n, HISTORY); None: none yet.
         slip: stretch of the contacts' tangential springs (B, K, 3) [m]; None: none yet.
@@ -122,9 +123,21 @@ class Rollout:
     @property
     def final(self) -> State:
         """The state to go on from."""
-        before = self.x[:, -2] if self.x.shape[1] > 1 else self.before
+        weights = before_next(self.x.shape[1] - 1)
+        positions = np.concatenate([self.before[:, None], self.x], axis=1)[:, -len(weights) :]
+        before = np.einsum("t,btnk->bnk", weights, positions)
         last = (self.x[:, -1], before, self.q[:, -1], self.past[:, -1], self.slip[:, -1])
         return State(*(part.copy() for part in last))
+
+
+def before_next(steps: int) -> Floats:
+    """What the last positions of so many steps, with those before the first one where they are so few, make
+    of `State.before` for what comes next: weights (K,), the last position's at the end."""
+    if steps == 0:
+        return np.array([1.0, 0.0])
+    weights = -of_positions(VELOCITY, steps)
+    weights[0] += 1.0
+    return weights[::-1]
 
 
 def roll_out(scene: Scene, state: State, path: Path, clock: Clock) -> Rollout:

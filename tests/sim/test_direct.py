@@ -9,6 +9,7 @@ from sim.ropes import EI, GJ, GRAVITY, LEVEL, ROPE, cylinder, moved, pose, settl
 
 from dlolib.errors import SimulationError
 from dlolib.lab.elastica import planar_elastica
+from dlolib.sim import simulate
 from dlolib.sim.clearance import clearance
 from dlolib.sim.differentiate import Case, Variation, gradient
 from dlolib.sim.rod import Rod, scene
@@ -65,7 +66,8 @@ def test_three_steps_of_newton_do() -> None:
 
 @pytest.mark.parametrize("clock", CLOCKS.values(), ids=CLOCKS)
 @pytest.mark.parametrize("obstacles", [(), (cylinder(0.17, -0.15),)], ids=["free", "contact"])
-def test_adjoint_is_the_derivative(clock: Clock, obstacles: tuple) -> None:
+def test_adjoint_is_the_derivative(clock: Clock, obstacles: tuple, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(simulate, "TOLERANCE", 1e-11)
     rod = Rod(ROPE, EI, GJ, {"rest_curvature.kappa_2": 0.3})
     start = settled(rod, obstacles=obstacles)
     way = swing()

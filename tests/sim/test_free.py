@@ -50,22 +50,14 @@ def let_go(particles: int, step_s: float, time_s: float = 0.4) -> tuple[Rollout,
 
 @pytest.mark.parametrize("particles", SIZES)
 def test_a_free_rope_falls_as_its_centre_of_mass_does(particles: int) -> None:
-    """By g t^2 / 2; implicit Euler adds g t dt / 2 to it, exactly."""
+    """By g t^2 / 2, at any step."""
     rollout, centre = let_go(particles, 0.005)
     t = 0.005 * np.arange(len(centre))
-    assert np.abs(centre - 0.5 * GRAVITY * (t * (t + 0.005))[:, None]).max() < 1e-6
+    assert np.abs(centre - 0.5 * GRAVITY * (t**2)[:, None]).max() < 1e-6
     assert longest_change(rollout) < 1e-5
     # what is bent and let go straightens and swings
     shape = rollout.x[0] - rollout.x[0].mean(axis=1, keepdims=True)
     assert np.linalg.norm(shape[-1] - shape[0], axis=1).max() > 0.02
-
-
-def test_half_the_step_halves_the_error_of_the_fall() -> None:
-    misses = []
-    for step_s in (0.01, 0.005):
-        _, centre = let_go(12, step_s)
-        misses.append(abs(centre[-1, 2] + 0.5 * 9.81 * 0.4**2))
-    assert misses[0] / misses[1] == pytest.approx(2.0, rel=1e-4)
 
 
 @pytest.mark.parametrize("particles", SIZES)
@@ -116,7 +108,7 @@ def test_a_recording_of_a_falling_rope(monkeypatch: pytest.MonkeyPatch) -> None:
     found = model.predict(rod, names)
     assert np.abs(found.xyz_m[:9] - recording().points.xyz_m[:9]).max() < 3e-3
     fallen = np.mean(found.xyz_m[-9:] - recording().points.xyz_m[:9], axis=0)
-    assert fallen[2] == pytest.approx(-0.5 * 9.81 * 0.3 * 0.31, abs=0.02)
+    assert fallen[2] == pytest.approx(-0.5 * 9.81 * 0.3**2, abs=0.02)
     for k, name in enumerate(names):
         h = 1e-3 * rod.value(name)
         by = []
