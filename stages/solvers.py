@@ -24,7 +24,7 @@ from dlolib.progress import track
 from dlolib.sim import rod as rods
 from dlolib.sim.recording import RecordingModel, held_path
 from dlolib.sim.scene import LENGTH
-from dlolib.sim.simulate import Clock, Path, State, roll_out
+from dlolib.sim.simulate import ALL, Clock, Path, State, roll_out
 from dlolib.sim.start import settle
 from dlolib.types import Ends, Floats, Motion, Points, Recording, Rope
 from stages import REPORTS, run
@@ -159,7 +159,7 @@ def _paper_ends(recording: Recording, fit: IdentifySettings) -> Predict:
         made = replace(rest.scene, joints=joints)
         still = settle(made, rest.final, path).final
         onward = Path(path.x[:, 1:], path.q[:, 1:])
-        moved = roll_out(made, State(still.x, still.x.copy(), still.q), onward, Clock(fit.time_step_s))
+        moved = roll_out(made, State(still.x, still.x.copy(), still.q), onward, Clock(fit.time_step_s, ALL))
         return np.asarray(moved.x[0, rows].reshape(-1, 3))
 
     return predict

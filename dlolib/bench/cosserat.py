@@ -2,7 +2,8 @@
 
 What the rod lacks is not declared: contact between rods, so that crossing and pile are unsupported. A
 scenario that asks for an equilibrium and drives no end gets it at once; all others are stepped by Park's
-backward difference, with the mass-proportional damping that the other adapters take where the scenario allows it.
+backward difference, with the mass-proportional damping that the other adapters take where the scenario
+allows it.
 """
 
 from __future__ import annotations

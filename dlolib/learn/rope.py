@@ -12,7 +12,7 @@ from dlolib.errors import SimulationError
 from dlolib.learn.settings import LearnSettings
 from dlolib.sim.differentiate import Cotangent, gradient
 from dlolib.sim.rod import Rod, scene
-from dlolib.sim.simulate import Clock, Path, Rollout, State, roll_out
+from dlolib.sim.simulate import AT_REST, Clock, Path, Rollout, State, roll_out
 from dlolib.sim.start import first_shape, settle
 from dlolib.types import Floats, Layout
 
@@ -64,7 +64,7 @@ class HeldRope:
         rope = replace(layout.rope, diameter_m=2 * (layout.rope.radius_m + margin_m))
         self.rod = replace(rod, rope=rope, particles=settings.particles)
         self.layout = layout
-        self.clock = Clock(settings.step_s, momentum=0.0)
+        self.clock = Clock(settings.step_s, AT_REST)
         self.scene = scene([self.rod], layout.gravity_m_s2, layout.ends, layout.obstacles)
 
     def start(self) -> tuple[State, Floats]:

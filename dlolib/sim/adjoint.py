@@ -43,7 +43,7 @@ def adjoint(
     grips: scalars3,
     clamped: flags2,
     moving: ti.i32,
-    momentum: ti.f64,
+    euler: ti.i32,
     fresh: ti.i32,
     symmetric: ti.i32,
     upper: bands,
@@ -163,7 +163,7 @@ def adjoint(
                     by_force[b, g, r] = lanes(0.0)
             explicit(
                 b, t, x, q, first, past, slip, sliding, case_end_q, case_steps, case_joints, case_segments,
-                case_particles, case_contacts, case_obstacles, case_grips, moving, momentum, fresh, differs,
+                case_particles, case_contacts, case_obstacles, case_grips, moving, euler, fresh, differs,
                 slots, widths, by_force, by_past, by_slip, after,
             )  # fmt: skip
             for g in range(d_parameter.shape[1]):
@@ -182,7 +182,7 @@ def adjoint(
                 for p in range(n):
                     r = 6 * (p + 1)
                     pull = vec3(y[b, 0, r], y[b, 0, r + 1], y[b, 0, r + 2])
-                    stiffness = stiffnesses(particles, steps, b, t, p, momentum)
+                    stiffness = stiffnesses(particles, steps, b, t, p, euler)
                     for back in ti.static(range(1, BACK + 1)):
                         # the way that leads there, and the one that leads on from there
                         share = stiffness[back - 1]

@@ -165,7 +165,7 @@ def assemble(
     past: ti.template(), slip: ti.template(), sliding: ti.template(), end_q: ti.template(),
     steps: ti.template(), joints: ti.template(), segments: ti.template(), particles: ti.template(),
     contacts: ti.template(), obstacles: ti.template(), grips: ti.template(), clamped: ti.template(),
-    moving: int, momentum: float, fresh: int, symmetric: int, forced: int, lagged: int,
+    moving: int, euler: int, fresh: int, symmetric: int, forced: int, lagged: int,
     limits: ti.template(), mixed: int, expected: ti.template(), upper: ti.template(),
     lower: ti.template(), y: ti.template(), plain: ti.template(),
 ) -> float:  # fmt: skip
@@ -275,7 +275,7 @@ def assemble(
             energy -= load.dot(x[b, t, p])
             gx -= load
             if moving == 1:
-                force, stiffness = slowed(x, first, particles, steps, b, b, t, p, momentum)
+                force, stiffness = slowed(x, first, particles, steps, b, b, t, p, euler)
                 if stiffness > 0.0:
                     energy += 0.5 / stiffness * force.dot(force)
                 gx += force

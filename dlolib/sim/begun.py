@@ -22,7 +22,7 @@ from dlolib.sim.effects.base import Setup
 from dlolib.sim.recording import RecordingModel, held_poses
 from dlolib.sim.rod import Rod, scene_of
 from dlolib.sim.sides import Sides
-from dlolib.sim.simulate import Clock, Path, Rollout, State, roll_out
+from dlolib.sim.simulate import AT_REST, Clock, Path, Rollout, State, roll_out
 from dlolib.sim.start import frames_along, off_clamps
 from dlolib.sim.upright import upright
 from dlolib.types import Floats, Motion, Points, Recording
@@ -33,6 +33,9 @@ STANDARD_GRAVITY_M_S2 = 9.81
 FAST = 0.02
 # The shape seen is drawn to the rope's own length in steps so short that nothing else moves [s].
 DRAWN, DRAWN_S = 10, 1e-4
+# How it is bent between the points, and how fast, nobody saw: of that implicit Euler damps what rings in
+# fewer than 40 steps a period, in so many.
+DAMPED = 80
 # The weight of a held end in a curve through noisy points, over theirs.
 HELD = 1e3
 CUBIC = 3
@@ -56,7 +59,10 @@ class BegunModel(RecordingModel):
         if made.path_dependent:
             there = self._remembered(made)
             seen = replace(seen, past=there.past, slip=there.slip)
-        return roll_out(held.scene, seen, held.path, Clock(DRAWN_S, momentum=0.0))
+        return roll_out(held.scene, seen, held.path, Clock(DRAWN_S, AT_REST))
+
+    def _clock(self, made: Setup) -> Clock:
+        return Clock(self.step_s if made.moving else None, DAMPED)
 
     def _drawing(self, made: Setup, times: Floats) -> tuple[State, Case]:
         """The rope as it was seen, and how it is held while it is drawn to its length."""

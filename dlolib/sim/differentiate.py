@@ -107,7 +107,7 @@ def gradient(
     slip, first = np.zeros((ropes, rollout.scene.slips, 3)), np.zeros((ropes, n, 3))
     if final is not None:
         d_x[:, -1] += final.x
-        weights = before_next(indices - 1)
+        weights = before_next(indices - 1, rollout.clock)
         for back, weight in enumerate(weights[::-1]):
             (d_x[:, -1 - back] if back < indices else first)[:] += weight * final.before
         turn, past, slip = (np.array(part, order="C") for part in (final.turn, final.past, final.slip))
@@ -161,7 +161,7 @@ def sensitivities(
     moved = moved.reshape(ropes, len(steps), groups * LANES, n, 3)[:, :, :count]
     onward = sum(
         weight * _positions(trail[:, (indices - back) % sensitivity.KEPT])
-        for back, weight in enumerate(before_next(indices - 1)[::-1])
+        for back, weight in enumerate(before_next(indices - 1, rollout.clock)[::-1])
     )
     states = (_positions(u), onward, _turns(u), past, slip)
     return moved, Tangent(*(of_lanes(part, count) for part in states))

@@ -43,7 +43,7 @@ def roll_out(
     grips: scalars3,
     clamped: flags2,
     moving: ti.i32,
-    momentum: ti.f64,
+    euler: ti.i32,
     fresh: ti.i32,
     placed: ti.i32,
     symmetric: ti.i32,
@@ -105,7 +105,7 @@ def roll_out(
                     lead(b, t, piece / float(pieces), share, x, q, end_x, end_q, grips, clamped)
                 found, count, added = equilibrium(
                     b, t, x, q, first, past, slip, sliding, end_q, steps, joints, segments, particles,
-                    contacts, obstacles, grips, clamped, moving, momentum, fresh, symmetric, tolerance, most,
+                    contacts, obstacles, grips, clamped, moving, euler, fresh, symmetric, tolerance, most,
                     added, upper, lower, factors, under, y, limits, expected, begin_x, begin_q, base_x,
                     base_q, plain,
                 )  # fmt: skip

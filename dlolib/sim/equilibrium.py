@@ -208,7 +208,7 @@ def equilibrium(
     past: ti.template(), slip: ti.template(), sliding: ti.template(), end_q: ti.template(),
     steps: ti.template(), joints: ti.template(), segments: ti.template(), particles: ti.template(),
     contacts: ti.template(), obstacles: ti.template(), grips: ti.template(), clamped: ti.template(),
-    moving: int, momentum: float, fresh: int, symmetric: int, tolerance: float, most: int,
+    moving: int, euler: int, fresh: int, symmetric: int, tolerance: float, most: int,
     added_before: float, upper: ti.template(), lower: ti.template(), factors: ti.template(),
     under: ti.template(), y: ti.template(), limits: ti.template(), expected: ti.template(),
     begin_x: ti.template(), begin_q: ti.template(), base_x: ti.template(), base_q: ti.template(),
@@ -274,7 +274,7 @@ def equilibrium(
             even = 1
         energy = assemble(
             b, t, b, x, q, first, past, slip, sliding, end_q, steps, joints, segments, particles,
-            contacts, obstacles, grips, clamped, moving, momentum, fresh, even, 0, lagged,
+            contacts, obstacles, grips, clamped, moving, euler, fresh, even, 0, lagged,
             limits, mixed, expected, upper, lower, y, plain,
         )  # fmt: skip
         clear_held(y, b, 0, n, b, grips, clamped)
@@ -385,7 +385,7 @@ def equilibrium(
                             put_back(b, t, x, q, begin_x, begin_q)
                             lowest, least, step, fraction = 1e300, 1e300, 1e300, 1.0
                             fresh_base = False
-                may_fall = symmetric == 1 and (moving == 0 or momentum == 0.0) and left < MOST_LEFT
+                may_fall = symmetric == 1 and (moving == 0 or euler < 0) and left < MOST_LEFT
                 if met and shifted and may_fall and least_shift > LEAST_SHIFT * whole:
                     # once more, by as little as tells how steeply the energy falls
                     least_shift, enough, step = LEAST_SHIFT * whole, 0.0, 1e300

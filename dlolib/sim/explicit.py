@@ -99,7 +99,7 @@ def of_segments(
 @ti.func
 def of_particles(
     b: int, t: int, x: ti.template(), first: ti.template(), steps: ti.template(), particles: ti.template(),
-    moving: int, momentum: float, differs: ti.template(), slots: ti.template(), widths: ti.template(),
+    moving: int, euler: int, differs: ti.template(), slots: ti.template(), widths: ti.template(),
     y: ti.template(),
 ):  # fmt: skip
     """Loads, inertia and drag of the particles."""
@@ -112,7 +112,7 @@ def of_particles(
                     for k in ti.static(range(3)):
                         pull[k] -= sign * particles[case, p, LOAD + k]
                     if moving == 1:
-                        force, _stiffness = slowed(x, first, particles, steps, case, b, t, p, momentum)
+                        force, _stiffness = slowed(x, first, particles, steps, case, b, t, p, euler)
                         pull += sign * force
                 take(y, b, slots[number], 6 * (p + 1), pull / widths[number])
 
@@ -194,7 +194,7 @@ def explicit(
     b: int, t: int, x: ti.template(), q: ti.template(), first: ti.template(), past: ti.template(),
     slip: ti.template(), sliding: ti.template(), end_q: ti.template(), steps: ti.template(),
     joints: ti.template(), segments: ti.template(), particles: ti.template(), contacts: ti.template(),
-    obstacles: ti.template(), grips: ti.template(), moving: int, momentum: float, fresh: int,
+    obstacles: ti.template(), grips: ti.template(), moving: int, euler: int, fresh: int,
     differs: ti.template(), slots: ti.template(), widths: ti.template(), y: ti.template(),
     by_past: ti.template(), by_slip: ti.template(), after: ti.template(),
 ):  # fmt: skip
@@ -202,7 +202,7 @@ def explicit(
     y[b], what they do to the histories that follow it is put into by_past[b] and by_slip[b]."""
     of_joints(b, t, q, past, steps, joints, fresh, differs, slots, widths, y, by_past, after)
     of_segments(b, t, x, q, steps, segments, differs, slots, widths, y)
-    of_particles(b, t, x, first, steps, particles, moving, momentum, differs, slots, widths, y)
+    of_particles(b, t, x, first, steps, particles, moving, euler, differs, slots, widths, y)
     of_grips(b, t, q, end_q, grips, differs, slots, widths, y)
     of_contacts(
         b, t, x, slip, sliding, steps, segments, contacts, obstacles, fresh, differs, slots, widths, y,

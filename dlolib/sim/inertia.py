@@ -6,7 +6,8 @@ With x_k the position k steps back and h their length, the velocity at the end o
 as the air does; at w h = 0.1 Park's does by a millionth, and slows it down by 0.17 %. No mode grows at any
 step, and what is faster than the steps dies out in a few of them.
 
-A roll-out begins with a velocity, and as if it had moved with its first step's acceleration before.
+A roll-out begins with a velocity, and as if it had moved with its first step's acceleration before. Or its
+first steps are implicit Euler's, so many that what these steps do not follow is damped.
 
 Park, An improved stiffly stable method for direct integration of nonlinear structural dynamic equations,
 J. Appl. Mech. 42 (1975).
@@ -52,28 +53,32 @@ def of_ways(difference: Floats, t: int) -> list[float]:
 BY_ACCELERATION, BY_VELOCITY = (
     [of_ways(difference, t) for t in range(1, BACK + 1)] for difference in (ACCELERATION, VELOCITY)
 )
-AT_REST = [1.0] + [0.0] * (BACK - 1)
+# Of implicit Euler's steps: the velocity, or the acceleration of what starts at rest; the acceleration.
+ALONE, EULER = [1.0] + [0.0] * (BACK - 1), [1.0, -1.0] + [0.0] * (BACK - 2)
 
 
 @ti.func
-def weights(table: ti.template(), t: int, momentum: float) -> ways:
-    """A table's in the step to index t; without momentum every step starts at rest."""
+def weights(table: ti.template(), by_euler: ti.template(), t: int, euler: int) -> ways:
+    """A table's in the step to index t, or implicit Euler's in so many first steps; with fewer than none
+    every step starts at rest."""
     found = ways(table[0])
     for row in ti.static(range(1, BACK)):
         if t > row:
             found = ways(table[row])
-    return momentum * found + (1.0 - momentum) * ways(AT_REST)
+    if euler < 0:
+        found = ways(ALONE)
+    elif t <= euler:
+        found = ways(by_euler)
+    return found
 
 
 @ti.func
-def stiffnesses(
-    particles: ti.template(), steps: ti.template(), b: int, t: int, p: int, momentum: float
-) -> ways:
+def stiffnesses(particles: ti.template(), steps: ti.template(), b: int, t: int, p: int, euler: int) -> ways:
     """What the force [N] on particle p in the step to index t takes of its way in that step, of that before,
     and so on [N/m]; of these as they would be in as much time."""
     rate = 1.0 / steps[b, t, 0]
     inertia, drag = particles[b, p, INERTIA] * rate * rate, particles[b, p, DRAG] * rate
-    found = inertia * weights(BY_ACCELERATION, t, momentum) + drag * weights(BY_VELOCITY, t, momentum)
+    found = inertia * weights(BY_ACCELERATION, EULER, t, euler) + drag * weights(BY_VELOCITY, ALONE, t, euler)
     for k in ti.static(range(1, BACK)):
         found[k] *= steps[b, t, 0] / steps[b, ti.max(t - k, 0), 0]
     return found
@@ -93,11 +98,11 @@ def way(x: ti.template(), first: ti.template(), b: int, t: int, p: int) -> vec3:
 @ti.func
 def slowed(
     x: ti.template(), first: ti.template(), particles: ti.template(), steps: ti.template(), case: int, b: int,
-    t: int, p: int, momentum: float,
+    t: int, p: int, euler: int,
 ):  # fmt: skip
     """Minus the force of inertia and drag on particle p [N], and how it grows with the particle's position
     [N/m]; `case` is the row of its masses and steps."""
-    stiffness = stiffnesses(particles, steps, case, t, p, momentum)
+    stiffness = stiffnesses(particles, steps, case, t, p, euler)
     force = vec3(0.0)
     for k in ti.static(range(BACK)):
         force += stiffness[k] * way(x, first, b, t - k, p)

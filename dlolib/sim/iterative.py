@@ -224,6 +224,8 @@ def _discretise(scene: Scene, clock: Clock) -> Discrete:
             mend="take the direct solver",
         )
     clamped = scene.clamped.astype(bool)
+    # the paper's steps are implicit Euler's
+    momentum = float(clock.euler >= 0)
     # implicit drag makes a particle heavier and holds it where it was
     heavy = scene.mass + scene.drag * step_s
     weight_x = 1 / heavy
@@ -234,8 +236,8 @@ def _discretise(scene: Scene, clock: Clock) -> Discrete:
     angle = np.linalg.norm(scene.joint_rest, axis=-1, keepdims=True) * lengths / 2
     rest = np.concatenate([np.cos(angle), np.sinc(angle / np.pi) * lengths / 2 * scene.joint_rest], axis=-1)
     return Discrete(
-        onward=((1 + clock.momentum) * scene.mass + scene.drag * step_s) / heavy,
-        backward=clock.momentum * scene.mass / heavy,
+        onward=((1 + momentum) * scene.mass + scene.drag * step_s) / heavy,
+        backward=momentum * scene.mass / heavy,
         fall=step_s**2 * scene.force / heavy[..., None],
         clamped=scene.clamped,
         stiffness=4 * step_s**2 * scene.joint_d / lengths,

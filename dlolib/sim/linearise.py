@@ -67,7 +67,7 @@ def linearise(
     grips: scalars3,
     clamped: flags2,
     moving: ti.i32,
-    momentum: ti.f64,
+    euler: ti.i32,
     fresh: ti.i32,
     symmetric: ti.i32,
     upper: bands,
@@ -94,7 +94,7 @@ def linearise(
         b, t = m // count, m % count + 1
         assemble(
             b, t, m, x, q, first, past, slip, sliding, end_q, steps, joints, segments, particles, contacts,
-            obstacles, grips, clamped, moving, momentum, fresh, symmetric, 1, 0, y, 0, first,
+            obstacles, grips, clamped, moving, euler, fresh, symmetric, 1, 0, y, 0, first,
             upper, lower, y, False,
         )  # fmt: skip
         keep_held(upper, lower, m, n, symmetric, b, grips, clamped, columns)

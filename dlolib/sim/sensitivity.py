@@ -129,11 +129,11 @@ def remember_laws(
 @ti.func
 def pull_of_motion(
     y: ti.template(), trail: ti.template(), steps: ti.template(), particles: ti.template(), b: int, t: int,
-    momentum: float,
+    euler: int,
 ):  # fmt: skip
     """Into y[b, g] what inertia and drag at index t owe to the states before."""
     for p in range(particles.shape[1]):
-        stiffness = stiffnesses(particles, steps, b, t, p, momentum)
+        stiffness = stiffnesses(particles, steps, b, t, p, euler)
         for back in ti.static(range(1, BACK + 1)):
             # the way that leads there, and the one that leads on from there
             share = stiffness[back - 1]
@@ -233,7 +233,7 @@ def sensitivities(
     grips: scalars3,
     clamped: flags2,
     moving: ti.i32,
-    momentum: ti.f64,
+    euler: ti.i32,
     fresh: ti.i32,
     symmetric: ti.i32,
     upper: bands,
@@ -288,11 +288,11 @@ def sensitivities(
                     y[b, g, r] = lanes(0.0)
             explicit(
                 b, t, x, q, first, past, slip, sliding, case_end_q, case_steps, case_joints, case_segments,
-                case_particles, case_contacts, case_obstacles, case_grips, moving, momentum, fresh, differs,
+                case_particles, case_contacts, case_obstacles, case_grips, moving, euler, fresh, differs,
                 slots, widths, y, by_past, by_slip, after,
             )  # fmt: skip
             if moving == 1:
-                pull_of_motion(y, trail, steps, particles, b, t, momentum)
+                pull_of_motion(y, trail, steps, particles, b, t, euler)
             pull_of_laws(y, q, joints, bends, bent, d_past, b, t, m, fresh)
             if rubbing:
                 pull_of_friction(y, u, rubs, d_slip, b, m, n)

@@ -16,6 +16,8 @@ from dlolib.types import Floats
 
 TOLERANCE = 1e-8
 MOST_ITERATIONS = 1000
+# How many steps are implicit Euler's: each from rest, and all.
+AT_REST, ALL = -1, 2**31 - 1
 # Damped motion to an equilibrium: steps of one length, the first and last length [s], how often at most, and
 # how much longer each time. A step that takes more iterations is better made shorter.
 RELAXING, RELAXING_S, MOST_RELAXING, LONGER = 5, (0.01, 10.0), 100, 3.0
@@ -33,7 +35,7 @@ class State:
 
     Args:
         x: positions (B, n, 3) [m].
-        before: those one step earlier, had they always been as fast as they are.
+        before: those one step earlier; but by implicit Euler, had they always been as fast as they are.
         q: frames (B, n + 1, 4); frames 0 and n are the wall's and the grasp's.
         past: histories of the laws (B, n, HISTORY); None: none yet.
         slip: stretch of the contacts' tangential springs (B, K, 3) [m]; None: none yet.
@@ -88,20 +90,21 @@ class Path:
 
 @dataclass(frozen=True)
 class Clock:
-    """How time passes: `step_s` None is quasi-static; `momentum` 0 lets every step start at rest.
+    """How time passes: `step_s` None is quasi-static; `euler`: so many of the first steps are
+    implicit Euler's, `ALL` or none or, with `AT_REST`, every step by itself, from rest.
 
     `fresh`: the laws see every step's rope come from being straight, or from what it once was, at once: so a
     first shape is found.
     """
 
     step_s: float | None = None
-    momentum: float = 1.0
+    euler: int = 0
     fresh: bool = False
 
     @property
-    def flags(self) -> tuple[int, float, int]:
-        """As the kernels take it: whether time passes, momentum, fresh."""
-        return int(self.step_s is not None), self.momentum, int(self.fresh)
+    def flags(self) -> tuple[int, int, int]:
+        """As the kernels take it: whether time passes, steps by implicit Euler, fresh."""
+        return int(self.step_s is not None), self.euler, int(self.fresh)
 
 
 @dataclass(frozen=True)
@@ -123,17 +126,17 @@ class Rollout:
     @property
     def final(self) -> State:
         """The state to go on from."""
-        weights = before_next(self.x.shape[1] - 1)
+        weights = before_next(self.x.shape[1] - 1, self.clock)
         positions = np.concatenate([self.before[:, None], self.x], axis=1)[:, -len(weights) :]
         before = np.einsum("t,btnk->bnk", weights, positions)
         last = (self.x[:, -1], before, self.q[:, -1], self.past[:, -1], self.slip[:, -1])
         return State(*(part.copy() for part in last))
 
 
-def before_next(steps: int) -> Floats:
+def before_next(steps: int, clock: Clock) -> Floats:
     """What the last positions of so many steps, with those before the first one where they are so few, make
     of `State.before` for what comes next: weights (K,), the last position's at the end."""
-    if steps == 0:
+    if steps == 0 or clock.euler < 0 or steps <= clock.euler:
         return np.array([1.0, 0.0])
     weights = -of_positions(VELOCITY, steps)
     weights[0] += 1.0
@@ -186,7 +189,7 @@ def relax(scene: Scene, state: State, path: Path, fresh: bool = False) -> Rollou
     """
     step_s = RELAXING_S[0]
     for _ in range(MOST_RELAXING):
-        clock = Clock(step_s, momentum=0.0, fresh=fresh)
+        clock = Clock(step_s, AT_REST, fresh)
         moved, status = _launch(scene, state, path.still(RELAXING), clock, RELAXING_ITERATIONS)
         if status.any():
             step_s /= 4

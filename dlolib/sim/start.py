@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from dlolib.errors import SimulationError
 from dlolib.sim.scene import Scene
-from dlolib.sim.simulate import Clock, Path, Rollout, State, relax, roll_out
+from dlolib.sim.simulate import AT_REST, Clock, Path, Rollout, State, relax, roll_out
 from dlolib.types import Floats, Ints, Pose
 
 SAMPLES = 2001
@@ -32,7 +32,7 @@ def settle(scene: Scene, state: State, ends: Path) -> Rollout:
     try:
         now = state
         for steps, step_s in SETTLING:
-            now = roll_out(scene, now, ends.still(steps), Clock(step_s, momentum=0.0, fresh=True)).final
+            now = roll_out(scene, now, ends.still(steps), Clock(step_s, AT_REST, fresh=True)).final
         return roll_out(scene, now, ends.still(1), Clock(None, fresh=True))
     except SimulationError:
         pass

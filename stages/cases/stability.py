@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from dlolib.sim.rod import Rod, scene
-from dlolib.sim.simulate import Clock, Path, State, roll_out
+from dlolib.sim.simulate import AT_REST, Clock, Path, State, roll_out
 from dlolib.types import Ends, Floats
 from stages.cases.rope import DENSITY, EI, GJ, LENGTH, NONE, ROPE, pose, rest
 
@@ -56,7 +56,7 @@ def michell(particles: int = 60, steps: int = 40) -> Buckling:
     places = np.tile(x, (len(twist), 1, 1))
     ends = np.repeat(q[:, None, [0, -1]], steps, axis=1)
     path = Path(np.zeros((len(twist), steps, 2, 3)), ends)
-    clock = Clock(CREEP * float(np.sqrt(DENSITY * radius**4 / EI)), momentum=0.0)
+    clock = Clock(CREEP * float(np.sqrt(DENSITY * radius**4 / EI)), AT_REST)
     moved = roll_out(made, State(places, places.copy(), q), path, clock)
     harmonics = np.stack([around**0, *(f(k * around) for k in (1, 2, 3) for f in (np.cos, np.sin))], axis=1)
     parts = np.einsum("hp,btp->bth", np.linalg.pinv(harmonics), moved.x[..., 1])

@@ -30,9 +30,9 @@ def test_inertia_is_named_where_the_recording_begins_in_motion() -> None:
 
 
 def pushed() -> Recording:
-    """A hanging rope whose clamp goes 0.15 m aside in half a second; no points are filled in yet."""
+    """A hanging rope whose clamp goes 0.15 m aside in 0.3 s; no points are filled in yet."""
     t = np.linspace(0.0, 2.0, 201)
-    u = np.clip((t - 0.2) / 0.5, 0.0, 1.0)
+    u = np.clip((t - 0.2) / 0.3, 0.0, 1.0)
     start = np.stack([0.15 * (10 * u**3 - 15 * u**4 + 6 * u**5), 0 * t, 0 * t], axis=1)
     down, free = np.tile([0.0, 1.0, 0.0, 0.0], (len(t), 1)), np.full((len(t), 4), np.nan)
     motion = Motion(t, start, down, free[:, :3], free)

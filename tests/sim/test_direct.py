@@ -13,11 +13,15 @@ from dlolib.sim import simulate
 from dlolib.sim.clearance import clearance
 from dlolib.sim.differentiate import Case, Variation, gradient
 from dlolib.sim.rod import Rod, scene
-from dlolib.sim.simulate import Clock, Path, State, roll_out
+from dlolib.sim.simulate import AT_REST, Clock, Path, State, roll_out
 from dlolib.sim.start import first_shape, settle
 from dlolib.types import Ends, Floats, Obstacle
 
-CLOCKS = {"dynamic": Clock(0.01), "quasi_static": Clock(None), "at_rest": Clock(0.01, momentum=0.0)}
+CLOCKS = {
+    "dynamic": Clock(0.01),
+    "quasi_static": Clock(None),
+    "at_rest": Clock(0.01, AT_REST),
+}
 
 
 def variation(rod: Rod, name: str, way: Floats, obstacles: tuple = ()) -> Variation:

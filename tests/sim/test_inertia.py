@@ -10,7 +10,7 @@ from dlolib.sim import simulate
 from dlolib.sim.differentiate import Case, Variation, gradient, sensitivities
 from dlolib.sim.inertia import ACCELERATION, BACK, VELOCITY, of_positions
 from dlolib.sim.rod import Rod, scene
-from dlolib.sim.simulate import Clock, State
+from dlolib.sim.simulate import ALL, Clock, State
 from dlolib.types import Ends, Floats
 
 
@@ -38,12 +38,15 @@ def test_modes_that_no_step_resolves_die_out() -> None:
     assert np.abs(np.roots(powers)).max() ** 5 < 1e-3
 
 
+@pytest.mark.parametrize("euler", [0, 10, ALL])
 @pytest.mark.parametrize("cut", [1, 3, 20])
-def test_a_roll_out_in_two_parts_is_differentiated_as_one(cut: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_roll_out_in_two_parts_is_differentiated_as_one(
+    cut: int, euler: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The second begins with the first one's velocity."""
     monkeypatch.setattr(simulate, "TOLERANCE", 1e-11)
     rod = Rod(ROPE, EI, GJ, {"inertia_drag.drag": 0.05})
-    start, way, clock = settled(rod), swing(), Clock(0.01)
+    start, way, clock = settled(rod), swing(), Clock(0.01, euler)
     weights = np.random.default_rng(0).normal(size=(1, len(way) - cut + 1, 30, 3))
 
     def parts(state: State, way: Floats) -> tuple[simulate.Rollout, simulate.Rollout]:
@@ -67,10 +70,11 @@ def test_a_roll_out_in_two_parts_is_differentiated_as_one(cut: int, monkeypatch:
     assert found.end_x[0, cut - 1, 1] @ [0.3, 0.5, 0.8] == pytest.approx(by_way, rel=1e-5)
 
 
+@pytest.mark.parametrize("euler", [0, 10, ALL])
 @pytest.mark.parametrize("cut", [1, 3, 20])
-def test_and_is_so_forwards(cut: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_and_is_so_forwards(cut: int, euler: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(simulate, "TOLERANCE", 1e-11)
-    start, way, clock = settled(Rod(ROPE, EI, GJ)), swing(), Clock(0.01)
+    start, way, clock = settled(Rod(ROPE, EI, GJ)), swing(), Clock(0.01, euler)
 
     def second(drag: float) -> simulate.Rollout:
         rod = Rod(ROPE, EI, GJ, {"inertia_drag.drag": drag})
