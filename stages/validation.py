@@ -234,7 +234,9 @@ def _oscillation(beam: cases.Oscillation) -> None:
     tip.plot(beam.t_s, beam.tip, color=ROD)
     tip.set(xlabel="time [s]", ylabel="first mode, first value -1")
     _line(rate, 1e3 * beam.step_s, beam.rate, beam.own_rate)
-    rate.set(xlabel="step [ms]", ylabel="decay rate [1/s]", xlim=(0, None), ylim=(0, None))
+    rate.set(xlabel="step [ms]", ylabel="decay rate [1/s]", xscale="log", yscale="log")
+    rate.set_xticks(1e3 * beam.step_s, [f"{step:.0f}" for step in 1e3 * beam.step_s], minor=False)
+    rate.set_xticks([], minor=True)
     save(figure, FOLDER, "oscillation")
 
 
