@@ -6,8 +6,8 @@ With x_k the position k steps back and h their length, the velocity at the end o
 as the air does; at w h = 0.1 Park's does by a millionth, and slows it down by 0.17 %. No mode grows at any
 step, and what is faster than the steps dies out in a few of them.
 
-A roll-out begins with a velocity, and as if it had moved with its first step's acceleration before. Or its
-first steps are implicit Euler's, so many that what these steps do not follow is damped.
+A roll-out begins with a velocity, and as if it had moved with its first step's acceleration before. Where its
+first shape is not known well, its first steps are implicit Euler's: they damp what rings of that.
 
 Park, An improved stiffly stable method for direct integration of nonlinear structural dynamic equations,
 J. Appl. Mech. 42 (1975).

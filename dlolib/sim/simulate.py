@@ -16,7 +16,7 @@ from dlolib.types import Floats
 
 TOLERANCE = 1e-8
 MOST_ITERATIONS = 1000
-# How many steps are implicit Euler's: each from rest, and all.
+# Which steps are implicit Euler's: all, each from rest; all.
 AT_REST, ALL = -1, 2**31 - 1
 # Damped motion to an equilibrium: steps of one length, the first and last length [s], how often at most, and
 # how much longer each time. A step that takes more iterations is better made shorter.
@@ -35,7 +35,8 @@ class State:
 
     Args:
         x: positions (B, n, 3) [m].
-        before: those one step earlier; but by implicit Euler, had they always been as fast as they are.
+        before: those one step earlier, had the rope always been as fast as it is; for steps by implicit Euler
+            where it was.
         q: frames (B, n + 1, 4); frames 0 and n are the wall's and the grasp's.
         past: histories of the laws (B, n, HISTORY); None: none yet.
         slip: stretch of the contacts' tangential springs (B, K, 3) [m]; None: none yet.
@@ -90,8 +91,8 @@ class Path:
 
 @dataclass(frozen=True)
 class Clock:
-    """How time passes: `step_s` None is quasi-static; `euler`: so many of the first steps are
-    implicit Euler's, `ALL` or none or, with `AT_REST`, every step by itself, from rest.
+    """How time passes: `step_s` None is quasi-static. `euler`: so many of the first steps are implicit
+    Euler's, none, `ALL`, or with `AT_REST` each of them from rest; the others are Park's (`inertia`).
 
     `fresh`: the laws see every step's rope come from being straight, or from what it once was, at once: so a
     first shape is found.
