@@ -2,8 +2,8 @@
 
 What the rod lacks is not declared: contact between rods, so that crossing and pile are unsupported. A
 scenario that asks for an equilibrium and drives no end gets it at once; all others are stepped by implicit
-Euler, with the mass-proportional damping that the other adapters take where the scenario allows it: an end
-that slides by the tension of the step before would not stay without it.
+Euler, with the mass-proportional damping that the other adapters take where the scenario allows it: by steps
+of second order the ends of its twist run apart.
 """
 
 from __future__ import annotations

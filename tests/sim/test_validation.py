@@ -52,5 +52,5 @@ def test_a_held_bend_relaxes_exponentially_and_a_loaded_one_creeps() -> None:
 def test_a_cantilever_swings_at_its_frequency_and_decays_no_more_than_the_scheme_has_it() -> None:
     beam = cases.oscillation()
     assert beam.continuous == pytest.approx(beam.theory, rel=1e-3)
-    assert beam.rate == pytest.approx(beam.own_rate, rel=0.01)
+    assert beam.rate == pytest.approx(beam.own_rate, rel=5e-3)
     assert beam.rate[0] < 1e-3 * beam.theory
