@@ -159,7 +159,8 @@ def _order_in_time(beam: cases.Oscillation) -> float:
 def _decay(beam: cases.Oscillation) -> str:
     worst = float(np.abs(beam.rate / beam.own_rate - 1).max())
     longest = beam.rate[0] / beam.theory
-    return f"off by {100 * worst:.1g} % at most; {100 * longest:.2g} % of critical in 16 steps a period"
+    steps = round(2 * np.pi / (beam.theory * beam.step_s[0]))
+    return f"off by {100 * worst:.1g} % at most; {100 * longest:.2g} % of critical in {steps} steps a period"
 
 
 def _shapes(found: dict[str, cases.Shapes]) -> None:

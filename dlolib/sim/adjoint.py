@@ -20,11 +20,11 @@ from dlolib.sim.assembly import (
 from dlolib.sim.band import HALF, solve, solve_transposed
 from dlolib.sim.derivatives import block2, block3, gathered, lanes2, lanes3, lanes4, of_end, spread
 from dlolib.sim.explicit import explicit
-from dlolib.sim.inertia import BACK, stiffnesses
+from dlolib.sim.inertia import BACK, paces
 from dlolib.sim.joints import HISTORY, laws_act
 from dlolib.sim.launch import kernel
 from dlolib.sim.runtime import APART, lanes, ti, vec2, vec3
-from dlolib.sim.scene import SAMPLES
+from dlolib.sim.scene import DRAG, INERTIA, SAMPLES
 from dlolib.sim.strain import bend_twist, darboux, moment_to_rotations, rotations_to_strain
 
 
@@ -179,10 +179,11 @@ def adjoint(
                         total += d_slip[b, k][j] * by_slip[b, g, k, j]
                 d_parameter[b, g] += total
             if moving == 1:
+                inertia, drag = paces(steps, b, t, euler)
                 for p in range(n):
                     r = 6 * (p + 1)
                     pull = vec3(y[b, 0, r], y[b, 0, r + 1], y[b, 0, r + 2])
-                    stiffness = stiffnesses(particles, steps, b, t, p, euler)
+                    stiffness = particles[b, p, INERTIA] * inertia + particles[b, p, DRAG] * drag
                     for back in ti.static(range(1, BACK + 1)):
                         # the way that leads there, and the one that leads on from there
                         share = stiffness[back - 1]

@@ -7,7 +7,7 @@ the wall and not in the middle of the first segment.
 
 from dlolib.sim.band import HALF, row_type
 from dlolib.sim.contact import friction, push, within
-from dlolib.sim.inertia import slowed
+from dlolib.sim.inertia import paces, slowed
 from dlolib.sim.joints import curvature, elastic, laws_act, remember, respond
 from dlolib.sim.rotations import identity
 from dlolib.sim.runtime import mat3, ti, vec3, vec4
@@ -172,16 +172,17 @@ def assemble(
     """Write the Hessian of the step to index t of rope b into slot m, minus its gradient into y[m, 0].
 
     The step solves gradient = 0 for the state at index t. Where all forces have potentials the gradient is
-    that of the energy returned: elastic, contact and load energies, the work of the laws, and with `moving`
-    m |x - free flight|^2 / (2 dt^2) and drag |x - x_before|^2 / (2 dt). `first` are the positions one step
-    before index 0. With `forced` laws and contacts take the branches noted at index t. With `lagged` contacts
-    slide at the `limits` and along the surfaces noted, wherever they are. With `mixed` the Hessian is that
-    under the segments' `expected` forces. With `fresh` the laws see the rope come from being straight or as
-    it once was, at once. A `plain` rope, a choice of compile time, has neither laws nor obstacles, and is
-    symmetric.
+    that of the energy returned: elastic, contact and load energies, the work of the laws, and with `moving` s
+    |x - x_free|^2 / 2 of each particle, with s the stiffness of inertia and drag and x_free where these
+    vanish (`slowed`). `first` are the positions one step before index 0. With `forced` laws and contacts take
+    the branches noted at index t. With `lagged` contacts slide at the `limits` and along the surfaces noted,
+    wherever they are. With `mixed` the Hessian is that under the segments' `expected` forces. With `fresh`
+    the laws see the rope come from being straight or as it once was, at once. A `plain` rope, a choice of
+    compile time, has neither laws nor obstacles, and is symmetric.
     """
     n = particles.shape[1]
     dt = steps[b, t, 0] * (1 - fresh)
+    inertia, drag = paces(steps, b, t, euler)
     energy = 0.0
     none = 0.0 * identity()
     gx_next, gt_next = vec3(0.0), vec3(0.0)
@@ -275,7 +276,7 @@ def assemble(
             energy -= load.dot(x[b, t, p])
             gx -= load
             if moving == 1:
-                force, stiffness = slowed(x, first, particles, steps, b, b, t, p, euler)
+                force, stiffness = slowed(x, first, particles, inertia, drag, b, b, t, p)
                 if stiffness > 0.0:
                     energy += 0.5 / stiffness * force.dot(force)
                 gx += force

@@ -10,7 +10,7 @@ Columns lie in groups of `LANES`, as `band.solve_lanes` takes them.
 
 from dlolib.sim.assembly import bent_from, grip, joint_lengths, out_of_reach, sample
 from dlolib.sim.contact import friction, push
-from dlolib.sim.inertia import slowed
+from dlolib.sim.inertia import paces, slowed
 from dlolib.sim.joints import HISTORY, begin, law_acts, respond
 from dlolib.sim.runtime import LANES, ti, vec3, vec4
 from dlolib.sim.scene import LOAD, SAMPLES
@@ -112,7 +112,8 @@ def of_particles(
                     for k in ti.static(range(3)):
                         pull[k] -= sign * particles[case, p, LOAD + k]
                     if moving == 1:
-                        force, _stiffness = slowed(x, first, particles, steps, case, b, t, p, euler)
+                        inertia, drag = paces(steps, case, t, euler)
+                        force, _stiffness = slowed(x, first, particles, inertia, drag, case, b, t, p)
                         pull += sign * force
                 take(y, b, slots[number], 6 * (p + 1), pull / widths[number])
 

@@ -73,15 +73,17 @@ def weights(table: ti.template(), by_euler: ti.template(), t: int, euler: int) -
 
 
 @ti.func
-def stiffnesses(particles: ti.template(), steps: ti.template(), b: int, t: int, p: int, euler: int) -> ways:
-    """What the force [N] on particle p in the step to index t takes of its way in that step, of that before,
-    and so on [N/m]; of these as they would be in as much time."""
+def paces(steps: ti.template(), b: int, t: int, euler: int):
+    """What inertia takes per mass [1/s^2], and drag per damping [1/s], of a particle's way in the step to
+    index t, of that before, and so on; of these as they would be in as much time."""
     rate = 1.0 / steps[b, t, 0]
-    inertia, drag = particles[b, p, INERTIA] * rate * rate, particles[b, p, DRAG] * rate
-    found = inertia * weights(BY_ACCELERATION, EULER, t, euler) + drag * weights(BY_VELOCITY, ALONE, t, euler)
+    inertia = rate * rate * weights(BY_ACCELERATION, EULER, t, euler)
+    drag = rate * weights(BY_VELOCITY, ALONE, t, euler)
     for k in ti.static(range(1, BACK)):
-        found[k] *= steps[b, t, 0] / steps[b, ti.max(t - k, 0), 0]
-    return found
+        longer = steps[b, t, 0] / steps[b, ti.max(t - k, 0), 0]
+        inertia[k] *= longer
+        drag[k] *= longer
+    return inertia, drag
 
 
 @ti.func
@@ -97,12 +99,12 @@ def way(x: ti.template(), first: ti.template(), b: int, t: int, p: int) -> vec3:
 
 @ti.func
 def slowed(
-    x: ti.template(), first: ti.template(), particles: ti.template(), steps: ti.template(), case: int, b: int,
-    t: int, p: int, euler: int,
+    x: ti.template(), first: ti.template(), particles: ti.template(), inertia: ways, drag: ways, case: int,
+    b: int, t: int, p: int,
 ):  # fmt: skip
     """Minus the force of inertia and drag on particle p [N], and how it grows with the particle's position
-    [N/m]; `case` is the row of its masses and steps."""
-    stiffness = stiffnesses(particles, steps, case, t, p, euler)
+    [N/m]; `inertia` and `drag` are the step's `paces`, `case` is the row of its mass and damping."""
+    stiffness = particles[case, p, INERTIA] * inertia + particles[case, p, DRAG] * drag
     force = vec3(0.0)
     for k in ti.static(range(BACK)):
         force += stiffness[k] * way(x, first, b, t - k, p)

@@ -29,11 +29,11 @@ from dlolib.sim.derivatives import (
     spread_lanes,
 )
 from dlolib.sim.explicit import explicit
-from dlolib.sim.inertia import BACK, stiffnesses
+from dlolib.sim.inertia import BACK, paces
 from dlolib.sim.joints import law_acts, laws_act
 from dlolib.sim.launch import kernel
 from dlolib.sim.runtime import APART, lanes, ti, vec3
-from dlolib.sim.scene import SAMPLES
+from dlolib.sim.scene import DRAG, INERTIA, SAMPLES
 from dlolib.sim.strain import darboux, moment_to_rotations
 
 # States whose derivatives inertia looks back to, and that at which they are wanted.
@@ -132,8 +132,9 @@ def pull_of_motion(
     euler: int,
 ):  # fmt: skip
     """Into y[b, g] what inertia and drag at index t owe to the states before."""
+    inertia, drag = paces(steps, b, t, euler)
     for p in range(particles.shape[1]):
-        stiffness = stiffnesses(particles, steps, b, t, p, euler)
+        stiffness = particles[b, p, INERTIA] * inertia + particles[b, p, DRAG] * drag
         for back in ti.static(range(1, BACK + 1)):
             # the way that leads there, and the one that leads on from there
             share = stiffness[back - 1]
