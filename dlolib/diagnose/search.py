@@ -50,6 +50,8 @@ from dlolib.types import Floats
 
 Effects = tuple[str, ...]
 Models = dict[Effects, Fitted]
+# The BIC from which more was sought beside a model.
+Tried = dict[Effects, float]
 # One more effect is fitted in full where a linear step from the fit without it promises this much in BIC.
 PROMISING = 0.0
 # Models whose BIC is further from the best than this, or than this share of its gain, are fitted well enough.
@@ -86,7 +88,7 @@ def search(study: Study, settings: DiagnoseSettings, run: Workers, known: Sequen
             if one is not None:
                 _keep(study, models, one)
         backed(study, models, 2, run)
-    tried: set[Effects] = set()
+    tried: Tried = {}
     # one pose cannot tell two effects apart
     together = models and study.poses >= FEWEST_POSES
     for size in range(2, settings.most_effects + 1 if together else 0):
@@ -220,7 +222,7 @@ def _best(study: Study, models: Models) -> Fitted:
 
 def _grown(
     study: Study, models: Models, elastic: Fitted, size: int, settings: DiagnoseSettings, run: Workers,
-    tried: set[Effects],
+    tried: Tried,
 ) -> None:  # fmt: skip
     """Forward and backward: one more effect beside those of the best model, then beside all but one of those
     of the best ones so found, until nothing changes.
@@ -245,16 +247,22 @@ def _grown(
         if best.parameters <= elastic.parameters + MANY and _done(study, best, elastic):
             break
     backed(study, models, size, run)
+    best = _best(study, models)
+    # a part that was left in a worse optimum leads elsewhere from its own
+    if len(best.effects) < size and _beside(study, models, [best.effects], tried, settings, run):
+        backed(study, models, size, run)
 
 
 def _beside(
-    study: Study, models: Models, begin: Sequence[Effects], tried: set[Effects], settings: DiagnoseSettings,
+    study: Study, models: Models, begin: Sequence[Effects], tried: Tried, settings: DiagnoseSettings,
     run: Workers,
 ) -> bool:  # fmt: skip
-    """One more effect beside each of these models where none was sought yet; whether there was one."""
-    todo = [one for one in dict.fromkeys(begin) if one in models and one not in tried]
+    """One more effect beside each of these models where none was sought yet, or from a fit far worse than it
+    has now; whether there was one."""
+    now = {one: models[one].bic(study.frames) for one in begin if one in models}
+    todo = [one for one, bic in now.items() if bic + NEAR < tried.get(one, np.inf)]
     for one in todo:
-        tried.add(one)
+        tried[one] = now[one]
         for more in _partners(study, models[one], settings, run):
             _keep(study, models, more)
     return bool(todo)
