@@ -72,7 +72,8 @@ def diagnose(recordings: Sequence[Recording], settings: DiagnoseSettings) -> Dia
         if finer is not study:
             study = finer
             run.begin(study)
-            searched = search(study, settings, run, fits)
+            # the best model on the first mesh, too, lest it be missed on this one
+            searched = search(study, settings, run, [*fits, *searched.models[:1]])
         if not all(known):
             told = _told_by(study, _best(searched), known)
             study = _with_noise(study, told)

@@ -96,3 +96,27 @@ def test_a_finer_rope_without_equilibrium_tells_of_no_error() -> None:
     one = SimpleNamespace(model=model, fine=fine, whitener=SimpleNamespace(shape=(7, 5, 3)))
     left = left_by_meshes(cast(Any, one), Rod(ROPE, EI, GJ), np.zeros((35, 3)))
     assert left.shape == (7,) and not left.any()
+
+
+def test_the_best_model_on_the_first_mesh_is_tried_on_the_finer_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A pair that explained all was not found again there, and nothing was explained."""
+    recording, finer, best = over_the_bar(30), object(), object()
+    study, told = _study([recording], [known_noise(recording)], Workers(1), SETTINGS)
+
+    def search(some: Study, settings: DiagnoseSettings, run: Workers, known: Sequence[Fitted] = ()) -> Any:
+        if some is finer:
+            raise InterruptedError(known)
+        return SimpleNamespace(models=(best, object()))
+
+    module = sys.modules[diagnose.__module__]
+    stubs = {
+        "_study": lambda *_: (study, told),
+        "search": search,
+        "on_the_side_seen": lambda *_: (study, []),
+        "fine_enough": lambda *_: finer,
+    }
+    for name, stub in stubs.items():
+        monkeypatch.setattr(module, name, stub)
+    with pytest.raises(InterruptedError) as stopped:
+        diagnose([recording], SETTINGS)
+    assert stopped.value.args == ([best],)
