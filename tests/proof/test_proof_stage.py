@@ -151,6 +151,28 @@ def test_changed_answers_are_refused(command: str) -> None:
         book.settle(proof.BOOK, row["shard"], changed.parent, 1)
 
 
+def test_answers_made_again_may_be_rounded_otherwise_but_not_be_others(
+    command: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another processor's last digits miss the sealed hash; another laboratory's gains are refused."""
+    proof.main("--size", "1", "--command", command)
+    (row,) = rows()
+    path = Path("data/proof/sealed") / row["shard"] / "000.json"
+    told = Path(f"reports/proof/{row['shard']}.json")
+    scored = json.loads(told.read_text())
+    scored["recordings"]["000"]["elastic_gain"] = 100.0
+    told.write_text(json.dumps(scored))
+
+    def made_again(gain: float) -> None:
+        path.write_text(json.dumps(json.loads(path.read_text()) | {"elastic_gain": gain}))
+
+    made_again(100.0 * (1.0 + 1e-8))
+    assert proof.last_shards().keys() == {row["shard"]}
+    made_again(100.01)
+    with pytest.raises(ParameterError, match="not those that were sealed"):
+        proof.last_shards()
+
+
 def test_the_laboratory_shares_nothing_with_what_infers() -> None:
     graph = import_graph()
     ours = {"dlolib.sim", "dlolib.identify", "dlolib.learn", "dlolib.chain", "dlolib.diagnose"}
